@@ -1,8 +1,8 @@
 """PacManBot as a learning environment: maps, game rules, simulator, policies.
 
-Importing this package registers the environments with Gymnasium and PettingZoo, whether these are imported before or
-after, and loads nothing else: a public name loads its module on first use. The names in ``__all__`` and the names of
-:mod:`pacman_env.sb3` are public; every other module is private and may change.
+Importing this package registers the environments with Gymnasium and PettingZoo, also if these are imported later. A
+public name loads its module on first use. The names in ``__all__`` and the names of :mod:`pacman_env.sb3` are public;
+every other module is private and may change.
 """
 
 from importlib import import_module

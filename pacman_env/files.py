@@ -57,8 +57,8 @@ def temporary_folder() -> Path:
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & 0o022:
-        raise PermissionError(f"{folder}: is not this user's alone; set HOME to a folder that can be written")
-    text = f"there is no home folder that can be written: pacman_env keeps its files in {folder}"
+        raise PermissionError(f"{folder}: is not private to this user; set HOME to a folder that can be written")
+    text = f"no writable home folder: pacman_env stores its files in {folder}"
     warnings.warn(f"{text}; set HOME to change it", RuntimeWarning, stacklevel=2)
     return folder
 

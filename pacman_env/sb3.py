@@ -43,15 +43,15 @@ class PacManBotVecEnv(VecEnv):
     def __init__(self, env: PacManBotVectorEnv | int = 64, *, monitor: bool = True, **arguments: Any) -> None:
         """Wrap a vector environment, or create one of ``env`` games with the arguments of ``PacManBotVectorEnv``.
 
-        Raises TypeError if ``env`` is neither or if arguments are given with an existing environment, and ValueError if
-        the autoreset mode is not ``SAME_STEP`` or an argument is invalid.
+        Raises TypeError if ``env`` has another type, or if arguments are given with an existing environment. Raises
+        ValueError if the autoreset mode is not ``SAME_STEP`` or an argument is invalid.
         """
         if isinstance(env, (int, np.integer)) and not isinstance(env, bool):
             env = PacManBotVectorEnv(int(env), **{"autoreset_mode": AutoresetMode.SAME_STEP, **arguments})
         elif not isinstance(env, PacManBotVectorEnv):
             raise TypeError(f"env = {env!r}: must be a number of games or a PacManBotVectorEnv")
         elif arguments:
-            raise TypeError(f"{sorted(arguments)} given with an environment that is made already")
+            raise TypeError(f"{sorted(arguments)} must not be given with an existing environment")
         if env.autoreset_mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"autoreset_mode = {env.autoreset_mode}: Stable-Baselines3 needs AutoresetMode.SAME_STEP")
         self.env = env
@@ -138,7 +138,7 @@ class PacManBotVecEnv(VecEnv):
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute for all games; raises ValueError for a selection of games or an unknown render mode."""
         if set(self._indices(indices)) != set(range(self.num_envs)):
-            raise ValueError(f"{attr_name}: the games of a batch share it, it cannot be set for some of them only")
+            raise ValueError(f"{attr_name}: must be set for all games, which share it")
         if attr_name == "render_mode":
             check_render_mode(value, self.env.metadata["render_modes"])
             self.render_mode = value

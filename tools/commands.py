@@ -13,8 +13,8 @@ from tools.common import ROOT, add_check, update
 PAGE = ROOT / "docs" / "commands.md"
 _INTRO = """# Commands
 
-What every command of `pacman-env` prints with `--help`. A command that needs an extra says so in one line; what it
-cannot do is one line too, and exit status 2. This page is written by `python -m tools.commands`.
+This page shows what each command of `pacman-env` prints with `--help`. A command reports
+bad arguments or a missing extra in one line, with exit status 2. This page is written by `python -m tools.commands`.
 """
 
 

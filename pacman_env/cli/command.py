@@ -117,7 +117,7 @@ def _path(text: str) -> Path:
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return an argument type for whole numbers from ``least`` to ``most``."""
-    return _ranged(int, "is no whole number", least, most)
+    return _ranged(int, "is not a whole number", least, most)
 
 
 def count() -> Callable[[str], int]:

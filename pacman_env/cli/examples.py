@@ -10,79 +10,79 @@ Example = tuple[str, str]  # arguments of ``pacman-env``, and their purpose
 
 #: First steps: arguments, purpose and the required extra.
 FIRST: tuple[tuple[str, str, str], ...] = (
-    ("compare --episodes 20", "policies on the same 20 rounds: a table and a plot", "eval"),
-    ("web --open", "see a game in the browser, and play it", "web"),
+    ("compare --episodes 20", "compare policies on the same 20 rounds: table and plot", "eval"),
+    ("web --open", "watch or play a game in the browser", "web"),
     ("play --map maze", "play in a window", "render"),
-    ("map check home.yaml", "whether your own map can be played", ""),
-    ("train --quick", "train a planner, one to two minutes", "train"),
+    ("map check home.yaml", "check whether your own map can be played", ""),
+    ("train --quick", "train a planner in one to two minutes", "train"),
 )
 
 #: Examples by command; subcommands with their group.
 EXAMPLES: dict[str, tuple[Example, ...]] = {
     "map check": (
-        ("map check home.yaml", "your own map"),
-        ("map check home.yaml --set pellets.free_grey=242", "a map of Cartographer, whose free cells are grey"),
-        ("map check house --spacing 1.5 --json", "a shipped map with more pellets, as JSON"),
+        ("map check home.yaml", "check your own map"),
+        ("map check home.yaml --set pellets.free_grey=242", "check a map from Cartographer, whose free cells are grey"),
+        ("map check house --spacing 1.5 --json", "check a shipped map with more pellets; print JSON"),
     ),
-    "map list": (("map list", "the shipped maps"),),
-    "map generate": (("map generate results/houses --level 7 --count 3", "the houses of levels 7 to 9"),),
+    "map list": (("map list", "list the shipped maps"),),
+    "map generate": (("map generate results/houses --level 7 --count 3", "write the houses of levels 7 to 9"),),
     "play": (
-        ("play", "a round on the map house"),
-        ("play --map generated --clyde-speed 0.4 --drive", "drive in a new house each round, Clyde faster"),
+        ("play", "play rounds on the map house"),
+        ("play --map generated --clyde-speed 0.4 --drive", "drive in a new house each round, with a faster Clyde"),
     ),
     "web": (
-        ("web --open", "a simulated game, in this machine's browser"),
-        ("web --ros --host 0.0.0.0", "the robot's game, also for telephones"),
+        ("web --open", "show a simulated game in the browser"),
+        ("web --ros --host 0.0.0.0", "show the game on a robot, also to phones"),
     ),
-    "warm-up": (("warm-up", "before the first use, about half a minute"),),
-    "completion": (("completion bash", "the script for bash, to be stored where bash looks for it"),),
+    "warm-up": (("warm-up", "compile before the first use, about half a minute"),),
+    "completion": (("completion bash", "print the script for bash; save it to the completion folder of bash"),),
     "compare": (
-        ("compare --episodes 20", "all rules and the planner on the map house"),
-        ("compare --policies ppo lookahead --levels test --set clyde.ghosts=arcade,chase", "in houses, two ghosts"),
-        ("compare --policies clyde_aware mine.onnx --json results/numbers.json", "your own policy, figures as JSON"),
+        ("compare --episodes 20", "compare the default policies on the map house"),
+        ("compare --policies ppo lookahead --levels test --set clyde.ghosts=arcade,chase", "use generated houses"),
+        ("compare --policies clyde_aware mine.onnx --json results/numbers.json", "compare your own policy; write JSON"),
     ),
     "report": (
-        ("report --quick --out results/quick.html", "a page in some minutes"),
-        ("report --map house maze --levels test --workers 2", "several maps, two processes"),
+        ("report --quick --out results/quick.html", "write a report in a few minutes"),
+        ("report --map house maze --levels test --workers 2", "report on several maps with two processes"),
     ),
-    "leaderboard": (("leaderboard --suite quick --workers 2", "a small league table"),),
+    "leaderboard": (("leaderboard --suite quick --workers 2", "write a small league table"),),
     "dataset": (
-        ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "100 rounds, for Minari and as Parquet"),
-        ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "in generated houses"),
-        ("dataset pacman-env/my-robot-v0 --bags games/first --map home.yaml", "what a robot has played"),
+        ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "record 100 rounds in both formats"),
+        ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "use generated houses"),
+        ("dataset pacman-env/my-robot-v0 --bags games/first --map home.yaml", "convert the rounds that a robot played"),
     ),
-    "bound": (("bound --map house --starts 30 --width 32", "on one map, the ghosts of the defaults"),),
+    "bound": (("bound --map house --starts 30 --width 32", "bound one map against the default ghosts"),),
     "replay": (
         (
             "replay 16452687389592421897 --map house --policies clyde_aware lookahead",
-            "a round of a comparison again, by its seed",
+            "replay a round of a comparison by its seed",
         ),
     ),
-    "benchmark": (("benchmark --json results/benchmark.json", "all figures, also as JSON"),),
-    "validation": (("validation --map house --episodes 100", "a table in about a minute"),),
-    "houses": (("houses --levels 100", "50 houses to train in, 50 to be tested in"),),
+    "benchmark": (("benchmark --json results/benchmark.json", "measure everything; also write JSON"),),
+    "validation": (("validation --map house --episodes 100", "print a table in about a minute"),),
+    "houses": (("houses --levels 100", "check 50 training houses and 50 test houses"),),
     "train": (
-        ("train --quick", "one to two minutes, to see that it works"),
-        ("train --seed 0 --out results/ppo", "the whole training; --resume goes on with it"),
+        ("train --quick", "check in one to two minutes that training works"),
+        ("train --seed 0 --out results/ppo", "run the whole training; add --resume to continue it"),
     ),
-    "seeds": (("seeds --quick --seeds 0 1 2 --workers 2", "three short trainings, two at a time; a table"),),
-    "tune": (("tune --trials 30 --out results/tune", "30 short trainings; the best file is named at the end"),),
-    "adversary": (("adversary --quick", "about two minutes, to see that it works"),),
-    "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "one kind, three seeds"),),
-    "export": (("export results/ppo/last.zip --out mine.onnx", "the last checkpoint of a training"),),
+    "seeds": (("seeds --quick --seeds 0 1 2 --workers 2", "run three short trainings, two at a time; print a table"),),
+    "tune": (("tune --trials 30 --out results/tune", "run 30 short trainings; print the best file at the end"),),
+    "adversary": (("adversary --quick", "check in about two minutes that it works"),),
+    "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "train with three seeds"),),
+    "export": (("export results/ppo/last.zip --out mine.onnx", "export the last checkpoint of a training"),),
     "ros up": (
-        ("ros up --map house --sim --speed 4 --start", "a whole game without a robot"),
-        ("ros up --map home.yaml --namespace robot_15", "the robot's game"),
+        ("ros up --map house --sim --speed 4 --start", "play a whole game without a robot"),
+        ("ros up --map home.yaml --namespace robot_15", "play on the robot"),
     ),
-    "ros start": (("ros start --namespace robot_15", "the next round"),),
-    "ros reset": (("ros reset --sim", "of a simulated game"),),
-    "ros continue": (("ros continue --sim", "of a simulated game"),),
-    "ros stop": (("ros stop --namespace robot_15", "the robot stands"),),
-    "ros release": (("ros release --namespace robot_15", "it may drive again"),),
-    "ros status": (("ros status --sim --json", "of a simulated game, as JSON"),),
-    "ros doctor": (("ros doctor --map home.yaml --namespace robot_15", "before a game"),),
-    "ros record": (("ros record --out games/first", "until Ctrl-C"),),
-    "ros replay": (("ros replay games/first --map home.yaml --policy nearest", "what nearest would have done"),),
+    "ros start": (("ros start --namespace robot_15", "start the next round"),),
+    "ros reset": (("ros reset --sim", "reset a simulated game"),),
+    "ros continue": (("ros continue --sim", "continue a simulated game"),),
+    "ros stop": (("ros stop --namespace robot_15", "stop the robot"),),
+    "ros release": (("ros release --namespace robot_15", "let the robot drive again"),),
+    "ros status": (("ros status --sim --json", "print the status of a simulated game as JSON"),),
+    "ros doctor": (("ros doctor --map home.yaml --namespace robot_15", "check the robot before a game"),),
+    "ros record": (("ros record --out games/first", "record until Ctrl-C"),),
+    "ros replay": (("ros replay games/first --map home.yaml --policy nearest", "show what nearest would have done"),),
 }
 
 
@@ -113,7 +113,7 @@ def first_steps(version: str) -> str:
 
         {examples}
 
-        In brackets is the extra that a command needs: {install}.
-        All commands: pacman-env --help; the arguments and examples of one: pacman-env COMMAND --help.""").format(
+        Brackets show the extra that a command needs: {install}.
+        All commands: pacman-env --help. Arguments and examples of a command: pacman-env COMMAND --help.""").format(
         version=version, examples=render(shown), install=install_command("eval")
     )

@@ -19,21 +19,21 @@ from pacman_env.cli.warm_up import add_warm_up
 
 #: Module in this package and purpose, by command.
 MODULES = {
-    "compare": ("evaluation.compare.__main__", "policies on the same rounds: a table, a plot, a film"),
-    "report": ("evaluation.report.__main__", "policies on the same rounds: a page that explains itself"),
-    "leaderboard": ("evaluation.leaderboard.__main__", "the league table: policies against many ghosts, as a page"),
-    "dataset": ("evaluation.dataset.__main__", "rounds of a policy for offline learning: Minari, Parquet"),
-    "bound": ("evaluation.bound.__main__", "what is possible on a map: an upper bound, and an estimate"),
-    "replay": ("evaluation.replay", "one round again, filmed, with the policies' reasons"),
-    "benchmark": ("evaluation.benchmark", "how fast the environments are"),
-    "validation": ("evaluation.checks.validation", "the simulator beside the ten real trials"),
-    "houses": ("evaluation.checks.generated_levels", "whether generated houses can be played, judged independently"),
+    "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: table, plot, film"),
+    "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
+    "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
+    "dataset": ("evaluation.dataset.__main__", "record rounds of a policy for offline learning (Minari, Parquet)"),
+    "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
+    "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
+    "benchmark": ("evaluation.benchmark", "measure the speed of the environments"),
+    "validation": ("evaluation.checks.validation", "compare the simulator with the ten real trials"),
+    "houses": ("evaluation.checks.generated_levels", "check independently that generated houses can be played"),
     "train": ("training.train", "train a planner"),
-    "seeds": ("training.seeds", "the same training from several seeds, at once"),
+    "seeds": ("training.seeds", "train from several seeds in parallel"),
     "tune": ("training.tune", "search for hyperparameters"),
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
-    "learning-curves": ("training.learning_curves", "how fast stock learners learn"),
-    "export": ("training.export", "a trained planner as an ONNX file"),
+    "learning-curves": ("training.learning_curves", "measure how fast standard learners learn"),
+    "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
 
 
@@ -74,20 +74,20 @@ def make_parser(whole: bool = False) -> Parser:
 
 
 def _add_play(commands: Any) -> None:
-    play = commands.add_parser("play", help="play rounds in a window, with mouse and keys (F1: which)")
+    play = commands.add_parser("play", help="play rounds in a window with mouse and keys (F1 lists the keys)")
     add, number = play.add_argument, finite_number()
-    map_help = "as for 'map check', or 'generated' (%(default)s)"
+    map_help = "map name, map file, or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot, robot_0_15, ideal or arcade (%(default)s)")
-    add("--execution", default="robust", help="robust or as_built (%(default)s)")
-    add("--seed", type=whole_number(0), help="of the first round; the others follow from it (random)")
-    add("--clyde-speed", type=number, metavar="M_PER_S", help="Clyde's speed")
-    add("--time-limit", type=number, metavar="S", help="length of a round at most")
-    add("--drive", action="store_true", help="drive with the arrow keys instead of naming goals")
-    add("--endless", action="store_true", help="round after round, Clyde faster each time")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
-    add("--fps", type=number, default=20.0, help="pictures per second, about (%(default)s)")
-    add("--speed", type=number, default=1.0, help="times real time (%(default)s)")
+    add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
+    add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
+    add("--seed", type=whole_number(0), help="seed of the first round; later rounds derive from it (random)")
+    add("--clyde-speed", type=number, metavar="M_PER_S", help="speed of Clyde, m/s")
+    add("--time-limit", type=number, metavar="S", help="time limit of a round, s")
+    add("--drive", action="store_true", help="drive with the arrow keys instead of choosing goals")
+    add("--endless", action="store_true", help="play rounds with a faster Clyde each time, until the robot is caught")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
+    add("--fps", type=number, default=20.0, help="approximate frames per second (%(default)s)")
+    add("--speed", type=number, default=1.0, help="speed relative to real time (%(default)s)")
     play.set_defaults(run=_play)
 
 
@@ -119,32 +119,32 @@ def _play(arguments: argparse.Namespace) -> int:
 
 
 def _add_web(commands: Any) -> None:
-    web = commands.add_parser("web", help="the page in a browser: see a game, play it, run it")
+    web = commands.add_parser("web", help="serve a web page to watch, play and operate a game")
     add = web.add_argument
-    host = "address to listen on; others than this machine need a token (%(default)s)"
+    host = "address to listen on; access from other machines needs a token (%(default)s)"
     add("--host", default="127.0.0.1", help=host)
-    add("--port", type=whole_number(0, 65535), default=8000, help="0: any that is free (%(default)s)")
-    name = "by which the page is requested too; behind a proxy the whole address of the page; repeatable"
+    add("--port", type=whole_number(0, 65535), default=8000, help="port; 0: any free port (%(default)s)")
+    name = "additional host name of the page, or its whole address behind a proxy; repeatable"
     add("--name", action="append", default=[], metavar="HOST_OR_URL", help=name)
-    add("--viewers", type=whole_number(1, 1000), default=100, help="at once, at most (%(default)s)")
-    add("--open", action="store_true", help="open the page in a browser of this machine")
+    add("--viewers", type=whole_number(1, 1000), default=100, help="maximum number of viewers (%(default)s)")
+    add("--open", action="store_true", help="open the page in a browser on this machine")
     add = web.add_argument_group("simulated game").add_argument
-    map_help = "as for 'map check', or 'generated' (%(default)s)"
+    map_help = "map name, map file, or 'generated' (%(default)s)"
     add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
-    add("--preset", default="robot", help="robot, robot_0_15, ideal or arcade (%(default)s)")
-    add("--policy", default="ppo", help="the policy: a name or an .onnx file (%(default)s)")
-    add("--second", default="clyde_aware", help="the policy that is asked beside it (%(default)s)")
-    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost (the preset's)")
-    add("--seed", type=whole_number(0, 2**53 - 1), help="of the first round; the others follow from it (random)")
-    add("--speed", type=finite_number(1, 50), default=1.0, help="times real time, 1 to 50 (%(default)s)")
-    show = "s, before each round; a robot's: 8 (%(default)s)"
+    add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
+    add("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
+    add("--second", default="clyde_aware", help="second policy, shown for comparison (%(default)s)")
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost (from the preset)")
+    add("--seed", type=whole_number(0, 2**53 - 1), help="seed of the first round; later rounds derive from it (random)")
+    add("--speed", type=finite_number(1, 50), default=1.0, help="speed relative to real time, 1 to 50 (%(default)s)")
+    show = "length of the show before each round, s; 8 on a robot (%(default)s)"
     add("--start-show", type=finite_number(0.1, 60), default=2.0, help=show)
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     add = web.add_argument_group("game of ROS nodes").add_argument
-    add("--ros", action="store_true", help="the page of a game that is up, instead of a simulated one")
-    add("--namespace", default="robot_15", help="of the robot (%(default)s)")
-    add("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
-    add("--sim", action="store_true", help="of a simulated robot, on this machine only")
+    add("--ros", action="store_true", help="show a running ROS game instead of a simulated game")
+    add("--namespace", default="robot_15", help="namespace of the robot (%(default)s)")
+    add("--domain-id", type=whole_number(0), help="ROS domain (from ROS_DOMAIN_ID)")
+    add("--sim", action="store_true", help="connect to a simulated robot on this machine")
     web.set_defaults(run=_web)
 
 
@@ -193,7 +193,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
 
 
 def _add_completion(commands: Any) -> None:
-    parser = commands.add_parser("completion", help="print a script by which a shell completes commands and options")
+    parser = commands.add_parser("completion", help="print a script for tab completion of commands and options")
     parser.add_argument("shell", choices=SHELLS, metavar=f"{{{','.join(SHELLS)}}}")  # named if absent
     parser.set_defaults(run=lambda arguments: print(completion(make_parser(whole=True), arguments.shell)))
 

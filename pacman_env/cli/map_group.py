@@ -11,19 +11,19 @@ from pacman_env.cli.command import finite_number, whole_number
 def add_map_group(commands: Any) -> None:
     parser = commands.add_parser("map", help="check, list and generate occupancy maps")
     group = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
-    check = group.add_parser("check", help="areas, pellets and warnings of one map")
+    check = group.add_parser("check", help="print areas, pellets and warnings of a map")
     add, number = check.add_argument, finite_number()
-    add("map", metavar="FILE_OR_NAME", help="a map's YAML, its folder, or a shipped map's name")
+    add("map", metavar="FILE_OR_NAME", help="YAML file of a map, its folder, or the name of a shipped map")
     add("--json", action="store_true", help="print the report as JSON")
-    add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="start, m (0 0)")
-    add("--spacing", type=number, default=2.0, help="pellet spacing, m (%(default)s)")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="home position, m (0 0)")
+    add("--spacing", type=number, default=2.0, help="spacing of pellets, m (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     check.set_defaults(run=_map_check)
-    group.add_parser("list", help="names of the shipped maps").set_defaults(run=_map_list)
-    generate = group.add_parser("generate", help="write the houses of levels as map files")
-    generate.add_argument("folder", type=Path, help="where generated-LEVEL.yaml and .pgm go")
-    generate.add_argument("--level", type=whole_number(0), default=0, help="the first level (%(default)s)")
-    generate.add_argument("--count", type=whole_number(0), default=1, help="how many (%(default)s)")
+    group.add_parser("list", help="list the shipped maps").set_defaults(run=_map_list)
+    generate = group.add_parser("generate", help="write generated houses as map files")
+    generate.add_argument("folder", type=Path, help="folder for generated-LEVEL.yaml and .pgm")
+    generate.add_argument("--level", type=whole_number(0), default=0, help="first level (%(default)s)")
+    generate.add_argument("--count", type=whole_number(0), default=1, help="number of levels (%(default)s)")
     generate.set_defaults(run=_map_generate)
 
 
@@ -66,13 +66,13 @@ def _map_generate(arguments: argparse.Namespace) -> int:
     last = arguments.level + arguments.count - 1
     if arguments.count < 1 or last >= TEST_LEVEL + TEST_LEVELS or arguments.level < TEST_LEVEL <= last:
         raise ValueError(
-            f"levels {arguments.level} to {last}: training has 0 to {TEST_LEVEL - 1}, "
-            f"testing {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1}"
+            f"levels {arguments.level} to {last}: must be within 0 to {TEST_LEVEL - 1} (training) "
+            f"or {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1} (test)"
         )
     files = {level: arguments.folder / f"generated-{level}.yaml" for level in range(arguments.level, last + 1)}
     for file in (one.with_suffix(suffix) for one in files.values() for suffix in (".yaml", ".pgm")):
         if file.exists():
-            raise ValueError(f"{file}: is there already")
+            raise ValueError(f"{file}: already exists")
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level, file in files.items():
         print(prepare_level(level, config).occupancy.save(file))

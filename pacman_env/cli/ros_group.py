@@ -19,23 +19,23 @@ WAIT_S = 10.0
 FAST_DDS = "rmw_fastrtps_cpp"  # middleware included with rclpy
 #: Commands of an operator, with their help.
 ASKING = {
-    "start": "begin a round of the game that is up",
-    "reset": "break off whatever goes on: back to the menu",
-    "continue": "after a jump of the robot's pose: play on with the pose as it is",
-    "stop": "the robot stands at once, and stays so whatever the game wants",
-    "release": "after a stop: release the robot",
-    "status": "how the game stands",
+    "start": "start a round of the running game",
+    "reset": "end the round or show and return to the menu",
+    "continue": "after a jump of the robot's pose: accept the pose and continue",
+    "stop": "stop the robot immediately and keep it stopped until 'ros release'",
+    "release": "let the robot drive again after 'ros stop'",
+    "status": "print the status of the running game",
 }
 
 
 def add_ros_group(commands: Any) -> None:
-    group = commands.add_parser("ros", help="the game on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
+    group = commands.add_parser("ros", help="play on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
     _add_up(group)
     for name, text in ASKING.items():
         parser = group.add_parser(name, help=text)
-        _add_waiting(parser, 0.1, "for an answer")
+        _add_waiting(parser, 0.1, "longest time to wait for an answer, s")
         if name == "status":
-            parser.add_argument("--json", action="store_true", help="print everything that is known as JSON")
+            parser.add_argument("--json", action="store_true", help="print the whole status as JSON")
         _add_where(parser, partial(_ask, name))
     _add_doctor(group)
     _add_record(group)
@@ -43,45 +43,43 @@ def add_ros_group(commands: Any) -> None:
 
 
 def _add_where(parser: Any, run: Any) -> None:
-    parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
-    parser.add_argument("--domain-id", type=whole_number(0), help="ROS_DOMAIN_ID (that of the environment)")
+    parser.add_argument("--namespace", default="robot_15", help="namespace of the robot (%(default)s)")
+    parser.add_argument("--domain-id", type=whole_number(0), help="ROS domain (from ROS_DOMAIN_ID)")
     parser.set_defaults(run=run)
 
 
 def _add_waiting(parser: Any, least_s: float, what: str) -> None:
-    parser.add_argument("--sim", action="store_true", help="of a simulated game, on this machine only")
+    parser.add_argument("--sim", action="store_true", help="connect to a simulated game on this machine")
     wait_s = finite_number(least_s, 3600)
     parser.add_argument("--wait", type=wait_s, default=WAIT_S, metavar="S", help=f"{what} (%(default)g)")
 
 
 def _add_up(group: Any) -> None:
-    up = group.add_parser("up", help="start all nodes, show how the game stands, stop them in order")
+    up = group.add_parser("up", help="start all nodes of a game, show its status, and stop the nodes at the end")
     add, number, port = up.add_argument, finite_number(), whole_number(1, 65535)
-    add("--map", required=True, metavar="FILE_OR_NAME", help="the map that localization uses")
-    add("--policy", default="ppo", help="what picks the goals: a name or an .onnx file (%(default)s)")
-    add("--sim", action="store_true", help="a simulated robot instead of the real one, on this machine only")
-    add("--speed", type=number, default=1.0, help="of the simulated robot's clock, 1 to 10 (%(default)s)")
-    real = (
-        "with --sim: a real Nav2 drives; bringup (nav2_bringup's launch file, the default here), none (you start it) "
-    )
-    real += "or a command, which may use {namespace}, {map} and {params}"
+    add("--map", required=True, metavar="FILE_OR_NAME", help="map that localization uses")
+    add("--policy", default="ppo", help="policy that chooses goals: a name or an .onnx file (%(default)s)")
+    add("--sim", action="store_true", help="simulate the robot on this machine")
+    add("--speed", type=number, default=1.0, help="with --sim: speed relative to real time, 1 to 10 (%(default)s)")
+    real = "with --sim: drive with a real Nav2: bringup (launch file of nav2_bringup, the default of WHAT), none (you "
+    real += "start it), or a command that may use {namespace}, {map} and {params}"
     add("--nav2", nargs="?", const="bringup", default="", metavar="WHAT", help=real)
-    in_step = "with --sim: all nodes in one process, and simulated time waits until each message has been handled"
+    in_step = "with --sim: run all nodes in one process; simulated time waits until each message has been handled"
     add("--lock-step", action="store_true", help=in_step)
-    add("--seed", type=whole_number(0, 2**31 - 1), default=0, metavar="S", help="of a lock-step game (%(default)s)")
-    one = "all nodes but the robot's and the goal selector in one process: half the memory"
+    add("--seed", type=whole_number(0, 2**31 - 1), default=0, metavar="S", help="seed for --lock-step (%(default)s)")
+    one = "run all nodes except simulated robot and goal selector in one process, to save memory"
     add("--composed", action="store_true", help=one)
-    add("--preset", default="robot", help="what every node plays by: robot, robot_0_15, ideal or arcade (%(default)s)")
-    add("--execution", default="robust", help="robust or as_built (%(default)s)")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
-    home, pose = "home, m and rad (where the robot is in the menu)", ("X", "Y", "HEADING")
+    add("--preset", default="robot", help="preset of all nodes: robot, robot_0_15, ideal or arcade (%(default)s)")
+    add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
+    home, pose = "home pose, m and rad (pose of the robot when the first round starts)", ("X", "Y", "HEADING")
     add("--home", nargs=3, type=number, metavar=pose, help=home)
-    add("--start", action="store_true", help="begin the first round as soon as everything is there")
-    add("--play-on", action="store_true", help="begin every round by itself; only with --sim")
-    add("--rounds", type=whole_number(1), metavar="N", help="begin so many rounds by itself, then end; only with --sim")
-    page = "the operator's page too, for browsers on this machine (port 8000)"
+    add("--start", action="store_true", help="start the first round as soon as all nodes are ready")
+    add("--play-on", action="store_true", help="start every round automatically; only with --sim")
+    add("--rounds", type=whole_number(1), metavar="N", help="start N rounds automatically, then exit; only with --sim")
+    page = "also serve the operator's page on this machine (port 8000)"
     add("--web", nargs="?", const=8000, type=port, metavar="PORT", help=page)
-    add("--logs", type=Path, metavar="FOLDER", help="for what the nodes print (the user's log folder)")
+    add("--logs", type=Path, metavar="FOLDER", help="folder for the output of the nodes (in the user's log folder)")
     _add_where(up, _up)
 
 
@@ -111,9 +109,9 @@ def _ask(name: str, arguments: argparse.Namespace) -> int:
 
 
 def _add_doctor(group: Any) -> None:
-    doctor = group.add_parser("doctor", help="whether robot, Nav2 and game are ready, and what to do where not")
-    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="the map of the game, to compare with the robot's")
-    _add_waiting(doctor, 0.5, "for messages and answers")
+    doctor = group.add_parser("doctor", help="check whether robot, Nav2 and game are ready, and suggest remedies")
+    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, compared with the map on the robot")
+    _add_waiting(doctor, 0.5, "longest time to wait for messages and answers, s")
     doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
     _add_where(doctor, _doctor)
 
@@ -127,8 +125,8 @@ def _doctor(arguments: argparse.Namespace) -> int:
 
 def _add_record(group: Any) -> None:
     record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
-    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="the new bag")
-    record.add_argument("--sim", action="store_true", help="stamp with the simulated robot's clock, on this machine")
+    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder of the new bag")
+    record.add_argument("--sim", action="store_true", help="record a simulated game on this machine")
     _add_where(record, _record)
 
 
@@ -139,11 +137,11 @@ def _record(arguments: argparse.Namespace) -> int:
 
 
 def _add_replay(group: Any) -> None:
-    replay = group.add_parser("replay", help="what a policy would have done in a recorded game")
-    replay.add_argument("bag", type=Path, help="a bag's folder or its .mcap file")
-    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="the map of the game")
-    replay.add_argument("--policy", default="ppo", help="a name or an .onnx file (%(default)s)")
-    replay.add_argument("--namespace", help="which robot's game (the only one in the bag)")
+    replay = group.add_parser("replay", help="show what a policy would have done in a recorded game")
+    replay.add_argument("bag", type=Path, help="folder of a bag, or its .mcap file")
+    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="map of the game")
+    replay.add_argument("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
+    replay.add_argument("--namespace", help="namespace of the robot (the only one in the bag)")
     replay.add_argument("--json", action="store_true", help="print the report as JSON")
     replay.set_defaults(run=_replay)
 

@@ -22,9 +22,9 @@ _EVENTFUL = {
 
 
 def add_warm_up(commands: Any) -> None:
-    parser = commands.add_parser("warm-up", help="compile beforehand, where the first use would (images, new machines)")
-    parser.add_argument("--robot", action="store_true", help="also what the ROS nodes need; ROS is not imported")
-    houses = "also prepare the first N generated houses to train in, and as many of the 200 to test in"
+    parser = commands.add_parser("warm-up", help="compile all kernels in advance (for images and new machines)")
+    parser.add_argument("--robot", action="store_true", help="also compile kernels of the ROS nodes; needs no ROS")
+    houses = "also prepare the first N training houses and the first N of the 200 test houses"
     parser.add_argument("--houses", type=int, default=0, metavar="N", help=houses)
     parser.set_defaults(run=lambda arguments: _report(arguments.robot, arguments.houses))
 
@@ -36,16 +36,16 @@ def _report(robot: bool, houses: int) -> int:
         done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
         if done is None:
             rule = "set PACMAN_ENV_CACHE to a folder that can be written"
-            raise OSError(f"{cache_dir()}: cannot be written, nothing would be kept; {rule}")
+            raise OSError(f"{cache_dir()}: cannot be written, so compiled code would be lost; {rule}")
         if done.exists():
-            print(f"{name:<16} done before")
+            print(f"{name:<16} already compiled")
             continue
         began = time.monotonic()
         work()
         check_kept()
         done.touch()
         print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
-    print(f"kept in {kernel_folder()}")
+    print(f"cache folder: {kernel_folder()}")
     if houses:
         _prepare_houses(houses)
         check_kept()

@@ -26,7 +26,7 @@ def _divides(step: float, period: float) -> bool:
 
 @dataclass(frozen=True)
 class Config(sections.Groups):
-    """One complete configuration of a game."""
+    """Configuration of a game; docs/configuration.md lists all fields with units."""
 
     action: Literal["goal", "velocity"] = setting("goal", "a candidate goal, or v and omega of the base")
     action_range: Literal["physical", "unit"] = setting(
@@ -34,7 +34,7 @@ class Config(sections.Groups):
         "Unit of velocity actions: m/s and rad/s, or -1 to 1 for both. v runs from 0 to robot.wheel_speed_mps, omega "
         "from -robot.omega_radps to robot.omega_radps.",
     )
-    endless: bool = setting(False, "rounds continue, with a faster Clyde each time, until the robot is caught")
+    endless: bool = setting(False, "play rounds with a faster Clyde each time, until the robot is caught")
     timeout: Literal["truncation", "termination"] = setting(
         "truncation",
         "End at the time limit: a truncation, after which learners bootstrap, or a termination, after which they do "
@@ -49,16 +49,16 @@ class Config(sections.Groups):
     start_level: Count | None = setting(None, "level of the first generated house; None: the first of the split")
     num_levels: Count | None = setting(
         None,
-        "Number of generated houses to play; 0: all of the split. None: all from start_level on, or the prepared set "
-        "(1,000 training or 200 test houses) without start_level.",
+        "Number of generated houses to play; 0: the whole split. None: all from start_level on. Without start_level, "
+        "None is the prepared set of 1,000 training or 200 test houses.",
     )
     home: tuple[Number, Number, Number] | None = setting(
         None,
         "Home pose x, y (m) and heading (rad) on a map that is not generated. None: (0, 0, 0) if the robot can stand "
-        "there, otherwise the roomiest place of the largest part.",
+        "there, otherwise the place with the most room in the largest area.",
     )
     physics_step_s: Positive = setting(0.05, "Nav2's controller rate, 20 Hz")
-    time_limit_s: Positive = setting(600.0, "longest duration of a round; `timeout` decides what kind of end it is")
+    time_limit_s: Positive = setting(600.0, "longest duration of a round; see `timeout` for the kind of end")
     max_pellets: AtLeastOne | None = setting(None, "slots for pellets in the observation; None: as many as the map has")
 
     def __post_init__(self) -> None:
@@ -77,9 +77,9 @@ class Config(sections.Groups):
         by_event = self.decisions.when == "event"
         rule = f"must be at least execution.tick_s = {tick_s}"
         require(not by_event or longest_s >= tick_s, "decisions.longest_s, threat_longest_s", longest_s, rule)
-        rule = "must be tick where actions are velocities: they hold for a tick"
+        rule = "must be tick if actions are velocities, which hold for one tick"
         self._require(not by_event or self.action == "goal", "decisions.when", rule)
-        rule = "must be physical where actions are goals: it is the range of velocities"
+        rule = "must be physical if actions are goals: it is the range of velocities"
         self._require(self.action_range == "physical" or self.action == "velocity", "action_range", rule)
         wheel_mps, fastest_mps = self.robot.wheel_speed_mps, self.fastest_mps
         rule = f"must be at most robot.wheel_speed_mps = {wheel_mps}"
@@ -209,7 +209,7 @@ def make_config(preset: str = "robot", execution: str | None = None, **changes: 
     except PluginError as error:
         raise ConfigError(str(error)) from error
     if not (isinstance(fields, Mapping) and all(isinstance(name, str) for name in fields)):
-        raise ConfigError(f"unknown preset {preset!r}: must be the name of values by the dotted names of fields")
+        raise ConfigError(f"unknown preset {preset!r}: must be a preset name, or values by dotted field name")
     rules = {} if execution is None else {"execution.rules": execution}
     return Config().with_fields(**{**fields, **rules, **changes})
 

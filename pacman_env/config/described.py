@@ -34,7 +34,7 @@ class Setting(NamedTuple):
     unit: str  # "" for a pure number, a name or a choice
     low: float | None  # range of the field's annotation
     high: float | None
-    options: tuple[str, ...]  # of a choice
+    options: tuple[str, ...]  # allowed values of a choice
     words: str  # its description
 
 

@@ -28,7 +28,7 @@ class RobotConfig(Checked, group="robot"):
     omega_radps: Positive = setting(1.9, "Create 3")
     wheel_acceleration_mps2: Positive = setting(0.9, "Create 3")
     wheel_base_m: Positive = setting(0.233, "Create 3")
-    velocity_timeout_s: Positive = setting(0.5, "a velocity that is not repeated ends (Create 3)")
+    velocity_timeout_s: Positive = setting(0.5, "a velocity command expires after this time (Create 3)")
     lidar_x_m: Number = setting(
         -0.04,
         "Lidar's distance ahead of the base's centre (URDF of the TurtleBot 4). Only `sim_robot` as a base for a real "
@@ -75,19 +75,19 @@ class RobotConfig(Checked, group="robot"):
 class LocalizationConfig(Checked, group="localization"):
     """Localization: the robot's estimate of its pose (AMCL)."""
 
-    perfect: bool = setting(False, "True: belief = truth at every instant")
-    update_distance_m: Positive = setting(0.25, "filter update when moved farther in x or in y (AMCL)")
-    update_angle_rad: Positive = setting(0.2, "or turned farther (AMCL)")
-    scan_period_s: Positive = setting(0.1, "the filter tests each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)")
+    perfect: bool = setting(False, "True: the believed pose always equals the true pose")
+    update_distance_m: Positive = setting(0.25, "the filter updates after a longer move in x or in y (AMCL) ...")
+    update_angle_rad: Positive = setting(0.2, "... or after a larger turn (AMCL)")
+    scan_period_s: Positive = setting(0.1, "the filter checks for an update at each scan, 10 Hz (RPLIDAR A1: 5-10 Hz)")
     sigma_xy_m: NotNegative = setting(0.035, "error per axis at an update [M]")
-    sigma_yaw_rad: NotNegative = setting(0.07, "[M]")
+    sigma_yaw_rad: NotNegative = setting(0.07, "heading error at an update [M]")
     error_kept: Share = setting(
         0.0,
-        "Correlation of an update's error with the one before. 0.0: drawn again each time; AMCL's own filter: 0.93 "
+        "Correlation between the errors of successive updates. 0.0: independent errors; the filter of AMCL: 0.93 "
         "(docs/validation.md).",
     )
-    converges_m: Positive = setting(1.0, "a pose given in RViz that is off by at most this much ...")
-    converges_rad: Positive = setting(0.52, "... and this much converges: two deviations of RViz's covariance")
+    converges_m: Positive = setting(1.0, "a pose given in RViz converges if its error is at most this ...")
+    converges_rad: Positive = setting(0.52, "... and this: two standard deviations of the covariance from RViz")
 
 
 @dataclass(frozen=True)
@@ -96,40 +96,40 @@ class Nav2Config(Checked, group="nav2"):
 
     inflation_radius_m: Positive = setting(0.22, "experiment")
     inflation_scale: Positive = setting(2.0, "cost_scaling_factor k, experiment")
-    goal_tolerance_m: Positive = setting(0.30, "any heading, experiment")
+    goal_tolerance_m: Positive = setting(0.30, "a goal is reached within this distance, with any heading; experiment")
     unreachable_tolerance_m: Positive = setting(0.5, "NavFn: nearest reachable point in a square of this half-width")
-    planner_period_s: Positive = setting(1.0, "NavFn at 1 Hz: until its next tick the robot follows the old path")
-    accept_delay_s: NotNegative = setting(0.1, "action round trip and first plan [I]")
-    progress_distance_m: Positive = setting(0.5, "less than this ...")
-    progress_time_s: Positive = setting(10.0, "... in this time counts as stuck (Nav2 default)")
-    no_path_abort_s: Positive = setting(11.0, "recoveries, then ABORTED (Nav2)")
-    no_control_abort_s: Positive = setting(15.0, "no admissible control for this long ends ABORTED (Nav2)")
-    stuck_abort_s: Positive = setting(150.0, "stuck through all recoveries (Nav2)")
-    abort_rate: Share = setting(0.0, "probability that a goal is aborted at once for no reason (bad TF)")
-    recovery_wait_s: Positive = setting(5.0, 'recovery "wait" (Nav2)')
+    planner_period_s: Positive = setting(1.0, "NavFn plans at 1 Hz; until then the robot follows the old path")
+    accept_delay_s: NotNegative = setting(0.1, "delay of the action call and the first plan [I]")
+    progress_distance_m: Positive = setting(0.5, "the robot is stuck if it moves less than this distance ...")
+    progress_time_s: Positive = setting(10.0, "... in this time (Nav2 default)")
+    no_path_abort_s: Positive = setting(11.0, "without a path: ABORTED after this time of recoveries (Nav2)")
+    no_control_abort_s: Positive = setting(15.0, "without an admissible control: ABORTED after this time (Nav2)")
+    stuck_abort_s: Positive = setting(150.0, "stuck: ABORTED after this time of recoveries (Nav2)")
+    abort_rate: Share = setting(0.0, "probability that a goal is aborted immediately without a reason (bad TF)")
+    recovery_wait_s: Positive = setting(5.0, 'duration of the recovery "wait" (Nav2)')
     controller: Literal["pure_pursuit", "mppi"] = setting(
         "pure_pursuit",
-        "pure_pursuit turns and starts as fast as the base; mppi as slowly as Nav2's MPPI does, see mppi",
+        "pure_pursuit turns and accelerates as fast as the base; mppi as slowly as MPPI of Nav2 (see mppi)",
     )
     clyde_keepout_m: Positive = setting(0.236, "inscribed radius + 0.05 m: Clyde and eight points around it, original")
-    clear_distance_m: NotNegative = setting(0.5, "costmaps are cleared of Clyde when it has moved this far")
+    clear_distance_m: NotNegative = setting(0.5, "Clyde is cleared from the costmaps after it has moved this far")
 
 
 @dataclass(frozen=True)
 class MppiConfig(Checked, group="mppi"):
-    """How slowly the robot drives with `nav2.controller = mppi`.
+    """Dynamics of the robot with `nav2.controller = mppi`, slower than the base.
 
     Fitted to recordings of Nav2 1.3.13 on three maps and checked on a fourth (eval/nav2, docs/validation.md).
     """
 
-    lookahead_m: Positive = setting(0.65, "it turns towards the point of its path at this distance ...")
-    turn_gain: Positive = setting(0.82, "... at this rate for each radian off, 1/s ...")
-    turn_radps: Positive = setting(0.75, "... and at most this fast")
-    turn_response: Positive = setting(1.31, "its turn rate approaches that by this share of the difference, 1/s")
-    slower_rad: NotNegative = setting(0.32, "farther off the path it drives slower, ...")
-    turns_first_rad: Positive = setting(1.04, "... and from here on it only turns")
-    standing_turn_radps: Positive = setting(1.07, "the faster it turns the slower it drives: at this rate not at all")
-    speed_response: Positive = setting(1.08, "its speed approaches that by this share of the difference, 1/s")
+    lookahead_m: Positive = setting(0.65, "the robot turns towards the point at this distance on its path ...")
+    turn_gain: Positive = setting(0.82, "... at this turn rate per radian of heading error, 1/s ...")
+    turn_radps: Positive = setting(0.75, "... and at most at this turn rate")
+    turn_response: Positive = setting(1.31, "rate at which the turn rate approaches its target, 1/s")
+    slower_rad: NotNegative = setting(0.32, "with a larger heading error the robot drives slower ...")
+    turns_first_rad: Positive = setting(1.04, "... and with a heading error above this it only turns")
+    standing_turn_radps: Positive = setting(1.07, "turning slows the robot down; at this turn rate it stands")
+    speed_response: Positive = setting(1.08, "rate at which the speed approaches its target, 1/s")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -141,26 +141,27 @@ class MppiConfig(Checked, group="mppi"):
 class PelletConfig(Checked, group="pellets"):
     """Pellets (Algorithm 1)."""
 
-    spacing_m: Positive = setting(2.0, "original")
+    spacing_m: Positive = setting(2.0, "spacing of the lattice, original")
     wall_clearance_m: NotNegative = setting(0.30, "half-width of the square that must be free, original")
-    free_grey: Annotated[int, Meta(ge=0, le=254)] = setting(250, "free means brighter than this, original")
-    reachable_only: bool = setting(True, "False, the original: also pellets the robot can never reach")
+    free_grey: Annotated[int, Meta(ge=0, le=254)] = setting(250, "a pixel with a higher grey value is free, original")
+    reachable_only: bool = setting(True, "False (original): include pellets that the robot can never reach")
 
 
 @dataclass(frozen=True)
 class ClydeConfig(Checked, group="clyde"):
     """Clyde and the other ghosts (Algorithm 2)."""
 
-    speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = setting(0.25, "round 1, original")
-    speed_step_mps: NotNegative = setting(0.05, "per round, original")
-    clearance_m: NotNegative = setting(0.25, "half-width of the free square around its cells, original")
-    update_period_s: Positive = setting(0.2, "it moves, and is published, at 5 Hz; original")
-    spawn: Literal["connected", "anywhere"] = setting("connected", '"anywhere", the original: also in sealed pockets')
+    speed_mps: Annotated[float, Meta(ge=0, le=MAX_SPEED_MPS)] = setting(0.25, "speed in round 1, original")
+    speed_step_mps: NotNegative = setting(0.05, "increase of the speed per round, original")
+    clearance_m: NotNegative = setting(0.25, "half-width of the square around a cell that must be free, original")
+    update_period_s: Positive = setting(0.2, "period at which Clyde moves and is published, 5 Hz; original")
+    spawn: Literal["connected", "anywhere"] = setting("connected", '"anywhere" (original): also in sealed pockets')
     spawn_distance_m: NotNegative = setting(
-        1.5, "At least this far from the robot in a straight line; if no place is, the farthest one. Original: 0."
+        1.5,
+        "Minimum straight distance to the robot at the start; if no place is that far, the farthest one. Original: 0.",
     )
     click_distance_m: NotNegative = setting(
-        0.25, "a click in RViz at most this far from a place where Clyde can be moves it there"
+        0.25, "a click in RViz moves Clyde if a possible place is at most this far away"
     )
     ghosts: tuple[str, ...] = setting(("wander",), "behaviours of one to four: Clyde, Blinky, Pinky, Inky")
     arcade_distance_m: Positive = setting(
@@ -174,23 +175,23 @@ class ClydeConfig(Checked, group="clyde"):
 
 @dataclass(frozen=True)
 class PowerConfig(Checked, group="power"):
-    """Power pellets: how many there are and what they do.
+    """Power pellets: number, effects and score.
 
-    "Arcade" marks figures of the first level of Pac-Man (1980). In the arcade's 6 s Pac-Man drives 1.6 times the width
-    of the maze; a robot at 0.306 m/s needs about 20 s for as much of a house 4 m wide.
+    "Arcade" marks figures of the first level of Pac-Man (1980). In the 6 s of the arcade, Pac-Man drives 1.6 times the
+    width of the maze. A robot at 0.306 m/s needs about 20 s for 1.6 times the width of a house 4 m wide.
     """
 
     pellets: Count = setting(0, "number of power pellets among a map's pellets; 0: the game of the report")
-    duration_s: Positive = setting(20.0, "time for which ghosts are frightened in round 1 (arcade: 6 s, see above)")
-    duration_step_s: NotNegative = setting(3.3, "decrease of this time per round (arcade: 1 s of 6 s)")
-    shortest_s: Positive = setting(6.6, "shortest such time (arcade: 2 s of 6 s in level 5)")
+    duration_s: Positive = setting(20.0, "duration of the frightened state in round 1 (arcade: 6 s, see above)")
+    duration_step_s: NotNegative = setting(3.3, "decrease of this duration per round (arcade: 1 s of 6 s)")
+    shortest_s: Positive = setting(6.6, "shortest duration (arcade: 2 s of 6 s in level 5)")
     warning_s: NotNegative = setting(6.6, "frightened ghosts blink this long before the end (arcade: 2 s of 6 s)")
     speed_factor: Annotated[float, Meta(gt=0, le=1)] = setting(
         0.67, "factor of a frightened ghost's speed (arcade: 50 % of the largest speed instead of 75 %)"
     )
     return_s: NotNegative = setting(5.0, "a caught ghost starts again at its spawn place after this [I]")
     behaviour: str = setting("flee", "behaviour of frightened ghosts that no policy controls")
-    flee_m: Positive = setting(3.0, "flee: distance of the place that they head for, straight away from the robot [I]")
+    flee_m: Positive = setting(3.0, "flee: ghosts head for a place this far from the robot, straight away from it [I]")
     pellet_points: Count = setting(5, "score of a power pellet; a pellet counts 1 (arcade: 50 and 10)")
     ghost_points: Count = setting(
         20, "score of the first caught ghost, doubled up to the fourth (arcade: 200 to 1,600)"
@@ -208,30 +209,30 @@ class ExecutionConfig(Checked, group="execution"):
 
     rules: Literal["robust", "as_built"] = setting(
         "robust",
-        "Rules of the original executor, or the corrected ones: sets pose_source, on_abort, switch and min_dwell_s, "
-        "which can also be set one by one.",
+        "Original rules of the executor (as_built) or corrected rules. Sets pose_source, on_abort, switch and "
+        "min_dwell_s, which can also be set one by one.",
     )
     tick_s: Positive = setting(0.5, "decision period: the planner's timer, original")
-    check_period_s: Positive = setting(0.5, "pick-up and death are tested this often; original: at each tick")
+    check_period_s: Positive = setting(0.5, "period of the tests for pick-up and death; original: each tick")
     pickup_radius_m: Positive = setting(0.25, "original")
     death_radius_m: Positive = setting(0.25, "original")
-    pose_source: Literal["amcl", "tf"] = setting("tf", "original: the latched amcl_pose")
+    pose_source: Literal["amcl", "tf"] = setting("tf", "source of the pose; original: amcl, the latched amcl_pose")
     on_abort: Literal["back_off", "lose_pellet"] = setting(
         "back_off",
-        "Original, lose_pellet: an abort removes the pellet uncounted, a success collects it wherever the robot "
-        "stands.",
+        "Reaction to an abort. lose_pellet (original): an abort removes the pellet uncounted, and a success collects "
+        "the pellet wherever the robot stands.",
     )
-    switch: Literal["preempt", "cancel_then_send"] = setting("preempt", "original: cancel, then send")
-    back_off_s: Positive = setting(3.0, "an aborted goal is masked this long, doubled at each abort in a row")
+    switch: Literal["preempt", "cancel_then_send"] = setting("preempt", "change of a goal; original: cancel_then_send")
+    back_off_s: Positive = setting(3.0, "time for which an aborted goal is masked, doubled by each abort in a row")
     min_dwell_s: NotNegative = setting(
         1.0,
-        "A pellet is pursued this long before another is preferred; original: 0. Its goals changed every 0.5 s "
-        "where Clyde begins to threaten.",
+        "Shortest time for which a pellet is pursued before another one is preferred. Original: 0, so goals changed "
+        "every 0.5 s when Clyde began to threaten.",
     )
     success_margin_m: NotNegative = setting(
         0.1,
-        "A success counts this far beyond nav2.goal_tolerance_m (as_built: anywhere): Nav2's pose arrives there "
-        "before the received pose does.",
+        "A success counts if the received pose is at most this far beyond nav2.goal_tolerance_m, because the pose of "
+        "Nav2 arrives first. as_built: it counts anywhere.",
     )
 
 
@@ -256,15 +257,15 @@ class DecisionConfig(Checked, group="decisions"):
 
     when: Literal["tick", "event"] = setting(
         "tick",
-        "At each tick, or by events: the goal ended, a pellet was collected, a ghost came near, or time has passed.",
+        "At each tick, or after an event: the goal ended, a pellet was collected, a ghost came near, or time passed.",
     )
     longest_s: Positive = setting(4.0, "event: longest time between two choices")
     threat_distance_m: NotNegative = setting(
         2.0, "event: a ghost that comes within this straight distance causes a choice ..."
     )
-    threat_longest_s: Positive = setting(1.0, "... and while it is there, the longest time between two choices")
+    threat_longest_s: Positive = setting(1.0, "... and while it is that near, the longest time between two choices")
     discount_per_s: Annotated[float, Meta(gt=0, le=1)] = setting(
-        1.0, "discount of the rewards between two decisions by events, and always of reward.progress"
+        1.0, "discount of rewards between two decisions with when = event, and of reward.progress in all cases"
     )
 
 
@@ -272,12 +273,12 @@ class DecisionConfig(Checked, group="decisions"):
 class ShowConfig(Checked, group="show"):
     """Shows and the return home (Algorithm 5): durations and retries."""
 
-    start_s: _ShowTime = setting(8.0, "before a round, original")
-    death_s: _ShowTime = setting(5.0, "after a death, original")
+    start_s: _ShowTime = setting(8.0, "show before a round, original")
+    death_s: _ShowTime = setting(5.0, "show after a death, original")
     home_retries: Count = setting(3, "retries after a failed return home before the game ends; original: none")
-    home_retry_s: NotNegative = setting(5.0, "pause before each of them")
-    spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = setting(1.5, "how fast the robot turns in a show, original")
-    swing_s: Positive = setting(0.25, "the shake goes to the other side this often, original")
+    home_retry_s: NotNegative = setting(5.0, "pause before each retry")
+    spin_radps: Annotated[float, Meta(gt=0, le=1.9)] = setting(1.5, "turn rate of the robot in a show, original")
+    swing_s: Positive = setting(0.25, "period at which the shake changes its direction, original")
 
 
 @dataclass(frozen=True)
@@ -293,9 +294,9 @@ class RewardConfig(Checked, group="reward"):
     timeout: Number = setting(-5.0, "the time limit is reached")
     progress: Number = setting(
         0.0,
-        "Per metre by which the path to the nearest remaining pellet has become shorter; 0: none. It is a potential "
-        "(Ng, Harada, Russell 1999), so it does not change the best policy if decisions.discount_per_s is the "
-        "learner's discount and rounds are not truncated.",
+        "Per metre by which the path to the nearest remaining pellet became shorter; 0: none. This is a potential "
+        "(Ng, Harada, Russell 1999): it keeps the best policy if decisions.discount_per_s is the discount of the "
+        "learner and rounds are not truncated.",
     )
 
 
@@ -324,7 +325,7 @@ class RandomizeConfig(Checked, group="randomize"):
     clyde_speed_mps: Range = setting(None, "clyde.speed_mps, of round 1")
     sigma_xy_m: Range = setting(None, "localization.sigma_xy_m")
     sigma_yaw_rad: Range = setting(None, "localization.sigma_yaw_rad")
-    update_distance_m: RangeAboveZero = setting(None, "localization.update_distance_m: the pose's cadence")
+    update_distance_m: RangeAboveZero = setting(None, "localization.update_distance_m")
     update_angle_rad: RangeAboveZero = setting(None, "localization.update_angle_rad")
     accept_delay_s: Range = setting(None, "nav2.accept_delay_s, rounded to physics steps")
     abort_rate: tuple[Share, Share] | None = setting(None, "nav2.abort_rate")
@@ -347,15 +348,15 @@ class ObservationConfig(Checked, group="observation"):
 
     kinds: Annotated[tuple[str, ...], Meta(min_length=1)] = setting(
         ("features",),
-        "Kinds, in any order: features (robot, Clyde, candidates and round as numbers), scan (the lidar), bearings "
-        "(directions of pellets and ghosts), grid (picture around the robot), planner (inputs of the learned planner), "
-        "power (power pellets, and ghosts that are frightened or away). bearings is always added to scan, and to "
-        "features and planner with velocity actions. power is added to all kinds but grid if there are power pellets.",
+        "Kinds, in any order. features: robot, Clyde, candidates and round. scan: lidar. bearings: directions of "
+        "pellets and ghosts. grid: picture around the robot. planner: inputs of the learned planner. power: power "
+        "pellets, and ghosts that are frightened or away. bearings is always added to scan, and to features and "
+        "planner with velocity actions. power is added to all kinds except grid if there are power pellets.",
     )
     candidates: Literal["all", "nearest"] = setting(
         "all",
-        "All candidates of the map by number, or the nearest ones in the order of their path length, equally many "
-        "on every map.",
+        "All candidates of the map by number, or the nearest ones in the order of their path length, with the same "
+        "number on every map.",
     )
     nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "number of pellets in nearest and in bearings")
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "number of refuges in nearest")
@@ -363,8 +364,8 @@ class ObservationConfig(Checked, group="observation"):
     flat: bool = setting(False, "concatenate everything to one array")
     mask: Literal["observation", "info", "method", "beside"] = setting(
         "observation",
-        "Place of the action mask: among the arrays, in the info, only the method (which always exists), or next to "
-        "the observation in a dictionary with `observation` and `action_mask`.",
+        "Place of the action mask: among the arrays, in the info, or only in the method (which always exists). beside: "
+        "next to the observation, in a dictionary with `observation` and `action_mask`.",
     )
     numeric_info: bool = setting(False, 'info["outcome"] is a number (an index of pacman_env.OUTCOMES), not a word')
     infos: Literal["all", "ends"] = setting(
@@ -372,9 +373,9 @@ class ObservationConfig(Checked, group="observation"):
         "Infos of vector environments that reset in the same step: of every game at each step, or only the last "
         "infos of games that ended, which saves time.",
     )
-    scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = setting(360, "RPLIDAR A1: one per degree")
-    scan_minimum_m: Positive = setting(0.15, "RPLIDAR A1")
-    scan_maximum_m: Positive = setting(12.0, "RPLIDAR A1")
+    scan_rays: Annotated[int, Meta(ge=1, le=10_000)] = setting(360, "rays of a scan (RPLIDAR A1: one per degree)")
+    scan_minimum_m: Positive = setting(0.15, "shortest range (RPLIDAR A1)")
+    scan_maximum_m: Positive = setting(12.0, "longest range (RPLIDAR A1)")
     scan_noise: NotNegative = setting(0.01, "standard deviation relative to the range (RPLIDAR A1: about 1 %)")
     grid_pixels: Annotated[int, Meta(ge=1, le=1024)] = setting(64, "edge of the picture")
     grid_pixel_m: Positive = setting(0.1, "edge of a pixel")

@@ -65,7 +65,7 @@ class GameRunner:
         if (self._mask_beside or self._mask_in_info) and self.config.action != "goal":
             raise ConfigError(f"observation.mask = {self.config.observation.mask!r}: velocities have no mask")
         beside = self.candidates if self._mask_beside else None
-        self.observation_space = observation_space(self.observer.parts, beside)  # for the agent of the robot
+        self.observation_space = observation_space(self.observer.parts, beside)  # space of the robot's agent
         self.action_space = action_space(self.batch, self.candidates)
         self.begun = False  # True after the first reset
         self._copies = copy

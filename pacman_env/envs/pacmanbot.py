@@ -100,19 +100,19 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     (1 - gamma) times the length of that path.
 
     ## Starting State
-    The robot stands at the home pose. Clyde and every other ghost stand on cells drawn uniformly, at least 1.5 m away
-    (`clyde.spawn_distance_m`) and by default in the part of the map connected to the robot (`clyde.spawn`). All
-    random values follow from the episode's seed, `info["round_seed"]`.
+    The robot stands at the home pose. Each ghost stands on a cell drawn uniformly, at least 1.5 m away
+    (`clyde.spawn_distance_m`). By default the cell is in the part of the map connected to the robot (`clyde.spawn`).
+    All random values follow from the episode's seed, `info["round_seed"]`.
 
     ## Episode End
     - Termination: the believed pose is within 0.25 m of a ghost that is neither frightened nor away (`caught`).
     - Termination: every pellet is collected (`complete`), or no pellet is left but some were lost (`cleared`, only with
       `execution.rules="as_built"`).
-    - Time limit of 600 s (`time_limit_s`, `timeout`): a truncation with the setting `timeout="truncation"`, the
-      default, and a termination with `timeout="termination"`, the default with `flat=True`.
+    - Time limit of 600 s (`time_limit_s`): a truncation with the setting `timeout="truncation"`, the default, or a
+      termination with `timeout="termination"`, the default with `flat=True`.
 
-    With the setting `endless` a completed round gives its reward and the next round follows: from the home pose, with
-    all pellets, a new time limit and Clyde 0.05 m/s faster. The episode ends when the robot is caught, or at the time
+    With the setting `endless` a completed round gives its reward, and the next round starts: at the home pose, with
+    all pellets and a new time limit. Clyde is 0.05 m/s faster. The episode ends when the robot is caught, or at the time
     limit of a round.
 
     ## Information
@@ -150,7 +150,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     ## Settings
     Every number of the game is a setting (`docs/configuration.md`). A range draws a value uniformly for each episode,
     such as `{"randomize.speed_mps": (0.2, 0.3)}`. Some settings change how the environment is used: when the agent
-    decides, which candidates it sees, where the mask is, and what kind of end the time limit is.
+    decides, which candidates it sees, where the mask is, and how an episode ends at the time limit.
     `docs/environments/pacmanbot.md` describes them in a table. Generated houses have the levels 0 to 999,999 to train and
     1,000,000 to 1,000,999 to test. By default the first 1,000 and 200 of them are played; `num_levels=0` plays all.
 
@@ -161,10 +161,10 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     replays the round from its seed and decisions, and continues exactly like the original.
 
     ## Version History
-    - v1 (0.20.0): the preset `robot` starts, turns and changes its goal as slowly as by Nav2; `preset="robot_0_15"` is
-      the robot of v0. The planner features, and with them the observation of PacManBotFlat and its variants (except
-      PacManBotFlatVelocity), have 289 numbers instead of 274.
-    - v0: `pacman_env/PacManBotFlat-v0` came with 0.6.0; since 0.13.0 its observation had 274 numbers instead of 179.
+    - v1 (0.20.0): the preset `robot` starts, turns and changes its goal as slowly as with Nav2; `preset="robot_0_15"`
+      is the robot of v0. The planner features have 289 numbers instead of 274, and so has the observation of
+      PacManBotFlat and its variants (except PacManBotFlatVelocity).
+    - v0: `pacman_env/PacManBotFlat-v0` came with 0.6.0. In 0.13.0 its observation grew from 179 to 274 numbers.
     """  # noqa: E501
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012

@@ -1,4 +1,4 @@
-"""Environments with several agents: the common base class, and many games at once as arrays."""
+"""Environments with several agents: the common base class, and a vector environment with arrays."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -120,10 +120,10 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     the infos contain the masks, int8 (N, A, C).
 
     ``autoreset_mode`` ``SAME_STEP``: a game that ends starts again in the same step. ``infos["final_observation"]``
-    (N,) then contains the last observations by agent (None for other games), ``final_info`` the last infos and
-    ``final_state`` (N, S) the last states (0 for other games); each has a mask ``_final_...``. ``DISABLED``: a game
-    that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it again.
-    ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
+    (N,) then contains the last observations by agent (None for other games), and ``final_info`` the last infos.
+    ``final_state`` (N, S) contains the last states (0 for other games). Each has a mask ``_final_...``. ``DISABLED``: a
+    game that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it
+    again. ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -170,7 +170,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
         """Play one decision of every agent in every game.
 
-        Actions are integers (N, A), agents in the order of ``possible_agents``, or arrays (N,) by agent; velocities of
+        Actions are integers (N, A), agents in the order of ``possible_agents``, or arrays (N,) by agent. Velocities of
         ``pacman`` are numbers (N, 2), v and omega, and are clipped. Raises ValueError, without any change, for invalid
         actions, and ResetNeeded before the first reset.
         """

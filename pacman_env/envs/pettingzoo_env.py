@@ -39,7 +39,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     - Observations: `pacman` observes as in the Gymnasium environment. A ghost observes the features with itself as
       Clyde, in the robot's frame. Settings of the observation apply to all agents.
     - Rewards: `pacman` gets the reward of the Gymnasium environment. The ghosts share its negative, or with the
-      setting `zero_sum` False each gets `config.ghost_reward`. Episodes end for all agents at once.
+      setting `zero_sum` False each gets `config.ghost_reward`. Episodes end for all agents together.
     - Arguments: as in the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
       truncates episodes after that many decisions. With `flat=True` the mask is next to the flat observation.
 
@@ -102,7 +102,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     @property
     def np_random(self) -> np.random.Generator:
-        """Return the generator of the episode seeds, as in Gymnasium; SuperSuit's ``frame_skip_v0`` uses it too."""
+        """Return the generator of the episode seeds, as in Gymnasium; SuperSuit's ``frame_skip_v0`` also uses it."""
         if self._generator is None:
             self._generator, _ = seeding.np_random()
         return self._generator
@@ -125,7 +125,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
 
 class _InTurn(parallel_to_aec_wrapper):
-    """PettingZoo's wrapper, but it refuses a wrong action at once instead of after the last agent's action."""
+    """Wrapper like PettingZoo's that refuses a wrong action immediately, not after the action of the last agent."""
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection

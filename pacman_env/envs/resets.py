@@ -20,7 +20,7 @@ from .game_runner import GameRunner
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
-Seeds = int | Sequence[int | None] | None  # for many games
+Seeds = int | Sequence[int | None] | None  # seeds of many games
 Options = dict[str, Any] | None
 
 

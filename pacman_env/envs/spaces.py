@@ -18,7 +18,7 @@ _MANY = 1e9  # upper bound of rounds and of pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Return the observation space of one game; with ``beside`` it also contains a mask of this many candidates."""
+    """Return the observation space of one game; ``beside``: number of candidates of an additional mask."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})

@@ -24,7 +24,7 @@ from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 
 BATCH = 64  # larger batches are not faster
-MOST_ROUNDS = 100  # of an endless game; from the 96th on, Clyde has its highest speed
+MOST_ROUNDS = 100  # rounds of an endless game; from the 96th on, Clyde has its highest speed
 _TIMED_EVERY = 4  # batch steps per timed decision
 _WARM_UP = 3  # untimed decisions, for compilation and caches
 
@@ -39,7 +39,7 @@ EPISODE = np.dtype(
         ("ghosts_caught", np.int64),  # in all rounds
         ("lost", np.int64),  # in the last round
         ("aborts", np.int64),  # in the last round
-        ("time_s", np.float64),  # of all rounds
+        ("time_s", np.float64),  # sum over all rounds
     ]
 )
 
@@ -113,7 +113,7 @@ def play_in(
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    times_ms: list[float] = []  # of ``other``, so that timing does not affect the games
+    times_ms: list[float] = []  # times of ``other``, so that timing does not affect the games
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # episode of each slot, -1: none left
     before_s = np.zeros(n)  # duration of previous rounds of each slot

@@ -13,7 +13,7 @@ REPLICATES = 2000  # bootstrap replicates
 
 
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
-    """Return Wilson's score interval of a proportion (Wilson 1927, no continuity correction).
+    """Return Wilson's interval (low, high) of a proportion, 0 to 1 (Wilson 1927, no continuity correction).
 
     Raises ValueError without trials, or if there are more successes than trials.
     """
@@ -29,7 +29,7 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
-    """Return the difference (ours minus theirs) of two rates of success in the same trials (n,), and its interval.
+    """Return the difference of two success rates, ours minus theirs, in the same trials (n,), and (low, high).
 
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,

@@ -260,14 +260,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env benchmark", description=__doc__)
-    parser.add_argument("--map", default="house", help="name or YAML file, but for generated houses")
-    parser.add_argument("--rounds", type=count(), default=ROUNDS, help="turns of all rows (%(default)s)")
+    parser.add_argument("--map", default="house", help="name or YAML file of the fixed map (%(default)s)")
+    parser.add_argument("--rounds", type=count(), default=ROUNDS, help="measurements of each row (%(default)s)")
     seconds = finite_number(0, 3600)
-    parser.add_argument("--seconds", type=seconds, default=6.0, help="of processor time, per row (%(default)s)")
-    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name contains this")
-    parser.add_argument("--first-start", action="store_true", help="also starts on an empty cache: two minutes")
-    parser.add_argument("--training", action="store_true", help="also a short training (extra train)")
-    parser.add_argument("--json", type=Path, help="write the figures here")
+    parser.add_argument("--seconds", type=seconds, default=6.0, help="processor time per row (%(default)s)")
+    parser.add_argument("--only", default="", metavar="TEXT", help="measure only rows whose name contains TEXT")
+    parser.add_argument("--first-start", action="store_true", help="also measure starts with an empty cache (2 min)")
+    parser.add_argument("--training", action="store_true", help="also measure a short training (needs the extra train)")
+    parser.add_argument("--json", type=Path, help="write the results to this file")
     return parser
 
 

@@ -192,10 +192,10 @@ def _reason(
     reasons = []
     other, called = -1, ""
     if before >= 0 and mask[before]:
-        other, called = before, "the one before"
+        other, called = before, "the previous goal"
     elif before >= 0:
         pellet = situation.kind[0, before] == PELLET
-        reasons.append("the one before is gone" if pellet and not alive[before] else "the one before may not be chosen")
+        reasons.append(f"the previous goal is {'gone' if pellet and not alive[before] else 'not allowed'}")
     if other < 0:
         scores = [float(t.get("score", -np.inf)) if mask[c] and c != choice else -np.inf for c, t in enumerate(terms)]
         best = int(np.argmax(scores))
@@ -224,14 +224,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env replay",
-        description="Play one round of a comparison again with each policy and film it. Give the same arguments as"
-        " there: map or levels, Clyde's speed, and whatever else the game was changed by.",
+        description="Play one round of a comparison again with each policy and film it. Give the arguments of the"
+        " comparison: map or levels, speed of Clyde, and all settings.",
     )
-    seed_help = "of the round, as in 'seeds' of the comparison's JSON"
+    seed_help = "seed of the round, from 'seeds' in the JSON file of the comparison"
     parser.add_argument("seed", type=whole_number(0, 2**64 - 1), metavar="SEED", help=seed_help)
-    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "from left to right")
+    scenarios.add_policy_arguments(parser, ("clyde_aware", "nearest"), "policies from left to right")
     scenarios.add_game_arguments(parser, several=False)
-    out_help = f"one of {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
+    out_help = f"file to write: {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
     return parser
 
@@ -241,7 +241,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     policies = scenarios.named_policies(arguments.policies)
     wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
-        raise ValueError("--levels: not beside --map, a round is played on one of them")
+        raise ValueError("--levels: must not be combined with --map: a round is played on one of them")
     place = scenarios.scenario_name(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
     if out.suffix not in _SUFFIXES:

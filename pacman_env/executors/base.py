@@ -29,7 +29,7 @@ class Done(Generic[Result]):
 
     number: int  # index of the task
     value: Result | None = None
-    error: Exception | None = None  # what it raised, or TaskFailed
+    error: Exception | None = None  # its exception, or TaskFailed
 
     def result(self) -> Result:
         """Return the value of the task, or raise what the task raised."""
@@ -63,7 +63,7 @@ class Executor(ABC):
     ``workers`` tasks are handed out at once. An executor is a context manager and leaves no processes behind.
     """
 
-    #: Whether workers may run on other machines, without access to the files of this one.
+    #: True if workers may run on other machines, without access to the files of this machine.
     remote = False
     most_losses = MOST_LOSSES
 
@@ -77,8 +77,8 @@ class Executor(ABC):
     ) -> Generator[Done[Result], None, None]:
         """Yield the outcomes of all tasks as they come; closing the generator cancels the other tasks.
 
-        ``function`` must be a function of a module that workers can import. ``keys``: one for each task; a worker that
-        did a task gets the later ones with the same key, also in the next run, and may keep data for them.
+        ``function`` must be a function of a module that workers can import. ``keys``: one for each task. A worker that
+        did a task gets later tasks with the same key, also in the next run, and may keep data for them.
         """
         try:
             with contextlib.closing(self._ends(function, tasks, keys)) as ends:

@@ -17,7 +17,7 @@ from .queue import StickyQueue
 
 
 class LocalProcesses(Executor):
-    """Run tasks in processes, each a pool of its own, so that a process keeps its data from call to call."""
+    """Run tasks in processes; each is a separate pool, so that a process keeps its data from call to call."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)

@@ -20,7 +20,7 @@ class Progress:
 
     done: int = 0  # with a value or an error
     lost: int = 0  # number of lost workers
-    waiting: int = 0  # for a worker at present
+    waiting: int = 0  # tasks that wait for a worker at present
 
     def summary(self, workers: int) -> str:
         """Return the numbers of workers and of lost workers for the progress bar, short enough for 80 columns."""

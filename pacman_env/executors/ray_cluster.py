@@ -28,7 +28,7 @@ _EMPTY_S = 60.0  # so long a cluster may have no machine
 class RayCluster(Executor):
     """``address`` of a cluster, as ``ray start`` prints it; None: one of this machine, on the loopback alone.
 
-    On a cluster as many tasks run at once as it has CPUs, also CPUs that join later. Every worker must have this
+    A cluster runs one task per CPU at a time, also on CPUs that join later. Every worker must have this
     package in the same version with the same sources; the first that has not ends the run, and is named.
     """
 
@@ -46,7 +46,7 @@ class RayCluster(Executor):
             if address is None:
                 # without "local" it would connect to a cluster that someone has started on this machine
                 own: dict[str, Any] = {"include_dashboard": False, "_node_ip_address": _LOOPBACK}
-                own["_system_config"] = {"worker_niceness": 0}  # as of other processes; Ray has 15
+                own["_system_config"] = {"worker_niceness": 0}  # like other processes; the default of Ray is 15
                 ray.init("local", num_cpus=workers, **own, **quiet)
             else:
                 ray.init(address=address, **quiet)

@@ -2,7 +2,7 @@
 
 A move is compared with the moves of each behaviour. ``chase`` approaches the robot by path; ``arcade`` does so from
 afar and goes to its corner if it is near. ``wander`` goes to one of the map's places, all equally likely, and does not
-turn round on its way: if the paths to its possible places fork, the likelihood of the move is the share of places on
+turn round on its way. If the paths to its possible places fork, the likelihood of the move is the share of places on
 the chosen branch. Without a fork, a move towards the robot carries no information. A ghost that a policy controls
 (``other``) may turn and stand.
 """
@@ -18,7 +18,7 @@ _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, be
 #: an obstacle, so a single one carries little information.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
-_NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches none of its possible places
+_NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place
 #: Likelihood of turning round for wander, chase, arcade far from the robot, other; and of not turning for other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
 _STANDS = (0.02, 0.5, 0.1, 0.5)  # likelihood of standing, for each behaviour

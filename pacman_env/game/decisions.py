@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ..config import Config
 
-HOLD = -1  # as a choice: no goal
+HOLD = -1  # choice without a goal
 
 
 def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:

@@ -81,7 +81,7 @@ class GhostView(NamedTuple):
 
 
 def view_of(number, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the view of ghost ``number`` of its own motion, the robot's believed pose and its corner (x, y), m."""
+    """Return the view of ghost ``number``: its motion, the believed pose of the robot, and its corner (x, y), m."""
     return GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, robot[0], robot[1], robot[2], corner[0], corner[1])
 
 

@@ -29,7 +29,7 @@ class GoalExecutor:
         self.round = RobotRound(config, goals)
         self.statuses = self.round.statuses
         self.sent = SentGoals()
-        self.task = "none"  # of the last command: none, play or home
+        self.task = "none"  # task of the last command: none, play or home
         self.game_state: str | None = None  # None if not received
         self.began_s = 0.0  # start time of the task
         self._active = False

@@ -8,7 +8,7 @@ import numpy as np
 
 from .execution import NO_CHOICE
 
-HOME = -2  # as a candidate: the home pose
+HOME = -2  # candidate number of the home pose
 _KEPT = 16  # largest number of open goals; older ones are forgotten
 _ANSWER_S = 5.0  # a goal without an answer for this long is given up
 _CANCEL_S = 1.0  # a new goal waits this long for the end of a cancel, which would cancel the new goal too
@@ -101,7 +101,7 @@ class SentGoals:
 
     def __init__(self) -> None:
         self.open: dict[int, Sent] = {}
-        self.number = 0  # of the last goal sent
+        self.number = 0  # number of the last goal sent
         self.current: int | None = None
 
     @property

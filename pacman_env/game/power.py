@@ -1,4 +1,4 @@
-"""Power pellets: which pellets they are, how long they frighten ghosts, and what a caught ghost is worth.
+"""Power pellets: their choice, the time for which they frighten ghosts, and the points for a caught ghost.
 
 A ghost is present, frightened or away. A power pellet frightens all ghosts that are present. A frightened ghost flees
 and does not kill; the robot catches it within the death radius. Then it is away, and starts again at its spawn place.
@@ -12,7 +12,7 @@ from ..config import PowerConfig
 
 #: Columns of ``Board.ghosts``: the times until which a ghost is frightened or away, and until which it is away.
 HARMLESS_UNTIL, AWAY_UNTIL = 3, 4
-#: Colours, 0 to 255: of a frightened ghost, of one that blinks, and of the eyes of one that is away.
+#: Colours, 0 to 255, of a frightened ghost, of a blinking ghost, and of the eyes of a ghost that is away.
 FRIGHTENED, BLINKING, EYES = (40, 60, 230), (235, 235, 255), (200, 200, 200)
 _BLINK_S = 0.5  # 14 frames blue and 14 white at 60 Hz (arcade: 0.47 s)
 _MOST_DOUBLINGS = 3  # 200, 400, 800, 1600 for the four ghosts of one energizer (arcade)

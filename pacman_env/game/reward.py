@@ -13,7 +13,7 @@ class Rewards(NamedTuple):
 
     tick: Any
     pellet: Any
-    power: Any  # of a power pellet, in addition
+    power: Any  # additional reward of a power pellet
     ghost_caught: Any
     end: Any  # (5,) by end code; COMPLETE also for each completed round of an endless game
 

@@ -16,7 +16,7 @@ _GONE_S = 2.0  # a pellet missing from reports for this long was removed by anot
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
-#: The status of a pellet, or of a ghost: its number among those that this side has caught in this round, and its name.
+#: Status of a pellet; for a ghost, its number among the catches of this side in this round, and its name.
 _Report = str | tuple[int, str]
 
 
@@ -34,7 +34,7 @@ class UnacknowledgedStatuses:
         self._counted: int | None = None  # the game's number of collected pellets; None if not received
         self._expected = 0  # count after all reports are received
         self._catches = 0  # number of ghosts that this side has caught in this round
-        self._caught_before: int | None = None  # by an earlier side in this round; None: the count was not received
+        self._caught_before: int | None = None  # catches of an earlier side; None: the count was not received
         self._open_before: set[str] = set()  # result of the last call of ``open``
         self._earlier: list[_Report] = []  # reports before the present event that may have been lost in transit
 
@@ -64,7 +64,7 @@ class UnacknowledgedStatuses:
         return [ExecutorAction("status", self._word(catch))] if self._is_answered(catch) else []
 
     def catches_counted(self, count: int) -> None:
-        """Process the game's count of the ghosts caught in this round, including those of a previous executing side."""
+        """Process the game's count of ghosts caught in this round, including catches of a previous executing side."""
         if self._caught_before is None or not self._catches:
             self._caught_before = count
         last = count - self._caught_before
@@ -137,8 +137,8 @@ class RobotRound:
         self.statuses = UnacknowledgedStatuses()
         self.goals = goals
         self.rules = SimpleNamespace(**rules(config, float), pellet_slots=goals.candidates)
-        self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, without those collected since the last report
-        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since when reports do not show the pellet
+        self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, except pellets collected since the last report
+        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since which reports do not show the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self._power = config.power
         self.begin(1)
@@ -197,7 +197,7 @@ class RobotRound:
             self.empty_s = None
         elif self.empty_s is None:
             self.empty_s = now
-        elif now - self.empty_s >= _EMPTY_S:  # there was no pellet in reach; the last one is reported at once
+        elif now - self.empty_s >= _EMPTY_S:  # no pellet was in reach; the last one is reported immediately
             self.empty_s = math.inf
             return [*reports, *self.ended("game_complete")]
         return reports

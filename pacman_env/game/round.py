@@ -105,7 +105,7 @@ class RoundController:
     after_home: _AfterHome = field(default="start", init=False)
     home_failures: int = field(default=0, init=False)
     ghosts_caught: int = field(default=0, init=False)  # in this round
-    streak: int = field(default=0, init=False)  # of them since the last power pellet
+    streak: int = field(default=0, init=False)  # ghosts caught since the last power pellet
 
     def __post_init__(self) -> None:
         self.base_speed_mps = self.clyde.speed_mps
@@ -216,7 +216,7 @@ class RoundController:
         return act()
 
     def tick(self, now: float) -> list[Action]:
-        """Do what is due: end the start or death show, or try again to get home."""
+        """End the start or death show if it is over, or retry the return home."""
         if self._deadline_s is None or now < self._deadline_s or awaits_pellets(self, now):
             return []
         self._deadline_s = None

@@ -73,9 +73,9 @@ def rate_batch(
 class ClydeAware(BasePolicy):
     """Handcrafted scorer of Milestone 3, Algorithm 3.
 
-    ``deployed`` is the robot's version: the direction term uses the cosine at the robot between Clyde and the pellet,
-    without a penalty for pellets in a safe direction; under threat the best safe pellet is chosen; pellets within
-    Clyde's death radius come last. ``documented`` is the milestone's text: only the dot product (m2). With
+    ``deployed`` is the version on the robot. Its direction term uses the cosine at the robot between Clyde and the
+    pellet, without a penalty for pellets in a safe direction. Under threat it chooses the best safe pellet; pellets
+    within Clyde's death radius come last. ``documented`` is the milestone's text: only the dot product (m2). With
     ``threat_exit_margin_m`` above 0 each game remembers whether it was threatened. Parameters are the fields of
     ``ScorerParameters``; the default of the death radius is the game's.
 

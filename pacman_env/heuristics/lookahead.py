@@ -1,8 +1,8 @@
 """Policy without learning that uses predictions of Clyde: the nearest pellet with a safe path, or a place to wait.
 
-Every candidate has a cost in seconds: travel time beyond that to the nearest pellet, costs of being caught or
-approached weighted by probability (``prediction.py``), and for refuges and hold the cost of waiting. The cheapest one
-is the goal.
+Every candidate has a cost in seconds. The cost sums the extra travel time compared with the nearest pellet, the costs
+of being caught or approached, weighted by probability (``prediction.py``), and the cost of waiting (refuges and hold).
+The goal is the candidate with the lowest cost.
 """
 
 from typing import NamedTuple

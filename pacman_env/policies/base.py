@@ -30,10 +30,10 @@ class Policy(Protocol):
         """Return scores (N, C), higher is better, -inf for never; must not change the policy's state."""
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """Return the goal (N,) of each game, including replan margin and hysteresis."""
+        """Return the chosen candidate (N,) of each game; a policy may favour its current goal over a better score."""
 
     def explain(self, situation: Situation) -> Explanation:
-        """Return the terms of each candidate's score; must not change the policy's state."""
+        """Return the terms of each score as dicts [game][candidate]; must not change the policy's state."""
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:
@@ -53,7 +53,7 @@ class BasePolicy:
     """A policy without state; subclasses define ``name`` and ``scores``. Arrays are for N games with C candidates."""
 
     name: str
-    config = make_config()  #: of the games, set by the last reset
+    config = make_config()  #: configuration of the games, set by the last reset
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         """Store the configuration; this policy has no state of the games (N,) to forget."""
@@ -75,7 +75,7 @@ class BasePolicy:
         return np.where(best > -np.inf, goal, hold_index(situation))
 
     def explain(self, situation: Situation) -> Explanation:
-        """Return kind, mask and score of each candidate."""
+        """Return kind, mask value and score of each candidate as dicts [game][candidate]."""
         columns = situation.kind.tolist(), situation.mask.tolist(), self.scores(situation).tolist()
         return [
             [{"kind": KIND_NAMES[kind], "allowed": may, "score": score} for kind, may, score in zip(*row, strict=True)]

@@ -36,19 +36,19 @@ class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Metadata of a planner's ONNX file."""
 
     format: Literal[1]  # first, because other formats have other fields
-    feature_version: int  # of pacman_env.sim.observation.planner_features
+    feature_version: int  # version of pacman_env.sim.observation.planner_features
     candidate_features: tuple[str, ...]
     global_features: tuple[str, ...]
-    width: int  # of the hidden layers
+    width: int  # width of the hidden layers
     dropped_features: tuple[str, ...]  # candidate features that the network does not get
     dropped_kinds: tuple[str, ...]  # candidate features of kinds that it may not choose
     normalisation: str  # scaling of the features
     robot_speed_mps: Positive  # used for computing the features
     training: Training
     package_version: str
-    commit: str  # of the exporting sources, "unknown" outside a repository
+    commit: str  # commit of the exporting sources, "unknown" outside a repository
     metrics: dict[str, Number]
-    sha256: str  # of the ONNX file, hexadecimal
+    sha256: str  # hash of the ONNX file, hexadecimal
 
 
 def metadata_path(path: Path) -> Path:

@@ -23,7 +23,7 @@ class BehaviourOpponent(BasePolicy):
         self._number = BEHAVIOUR_NAMES.index(name)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
-        """Return the choice (N,), beyond the candidates, that stands for the behaviour."""
+        """Return the choice (N,) for the behaviour, a number beyond the candidates."""
         n, candidates = situation.mask.shape
         return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
 

@@ -37,8 +37,8 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     """Create a policy, for example ``make_policy("clyde_aware:documented", replan_margin_m=0.5)``.
 
     ``spec`` is a name, a class such as ``my_package.policies:Shy``, or a file such as ``runs/mine.onnx``. Raises
-    ValueError for an unknown name, a parameter out of range or a file of another version, TypeError for an unknown
-    parameter, and ModuleNotFoundError for a learned planner without onnxruntime.
+    ValueError for an unknown name, a parameter out of range or a file of another version. Raises TypeError for an
+    unknown parameter, and ModuleNotFoundError for a learned planner without onnxruntime.
     """
     if spec == LEARNED_CLYDE:
         return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)

@@ -37,7 +37,7 @@ class Controls:
         self.space = action_space
         self.drives = isinstance(action_space, spaces.Box) and action_space.shape == (2,)
         if not self.drives and not isinstance(action_space, spaces.Discrete):
-            raise ValueError(f"action space {action_space}: a human plays in Discrete or in a Box of (v, omega)")
+            raise ValueError(f"action space {action_space}: must be Discrete or a Box of (v, omega)")
         self.goal: int | None = None
         self._held: set[str] = set()
 

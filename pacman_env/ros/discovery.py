@@ -17,7 +17,7 @@ from pacman_env.files import user_folder
 from .supervisor.game_nodes import SIMULATOR
 
 COSTMAPS = ("local_costmap", "global_costmap")  # node names
-HIGHEST_DOMAIN = 232  # of DDS, from its formula for ports
+HIGHEST_DOMAIN = 232  # highest domain of DDS, from its formula for ports
 _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"

@@ -1,7 +1,7 @@
-"""State of a game as its topics report it: what is valid on each topic, and the newest value of it.
+"""State of a game as its topics report it: the rule for valid messages and the newest value of each topic.
 
 The operator's page, the status line, the doctor and bags read a game with it. It subscribes to nothing: its owner
-passes each message to :meth:`GameMonitor.update`, and shows what has changed."""
+passes each message to :meth:`GameMonitor.update`, and shows the changes."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -91,7 +91,7 @@ def _count(topic: topics.Topic, least: int = 0) -> Monitored:
     return Monitored(topic, lambda message: int(number_of(message, least, _MOST)))
 
 
-#: By the name of the monitor's field.
+#: Monitored topics by the name of the monitor's field.
 MONITORED = {
     "state": Monitored(topics.GAME_STATE, lambda message: word_of(message, topics.STATE_WORDS)),
     "result": Monitored(topics.GAME_RESULT, lambda message: plain(message.data, LONGEST_WORD)),
@@ -120,7 +120,7 @@ class GameMonitor:
     """Newest valid value of each topic; None or empty before the first message."""
 
     state: str | None = None
-    result: str | None = None  # of the last round, empty before the first
+    result: str | None = None  # result of the last round, empty before the first
     round: int | None = None
     score: int | None = None
     pellets_collected: int | None = None
@@ -130,13 +130,13 @@ class GameMonitor:
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
     unresponsive: Mapping[str, str] = field(default_factory=dict)  # reasons by node, from the referee
-    configuration: Configuration = field(default_factory=dict)  # of any node
+    configuration: Configuration = field(default_factory=dict)  # configuration of any node
     pellets: Mapping[int, Position] = field(default_factory=dict)
     power_pellets: set[int] = field(default_factory=set)  # ids; collected ones, too
     pose: Stamped | None = None  # the latched one
     ghosts: dict[int, Stamped] = field(default_factory=dict)
     began_s: float = 0.0  # time of the first message of the last round
-    processes: Processes = field(default_factory=dict)  # of which a restarted node has several
+    processes: Processes = field(default_factory=dict)  # processes by node; a restarted node has several
     invalid: dict[str, str] = field(default_factory=dict)  # value: why its last message was refused
 
     @property

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 FARTHEST_M = 1000.0  # no map of the game is larger
-UNIT_TOLERANCE = 0.01  # of a quaternion's length
+UNIT_TOLERANCE = 0.01  # tolerance of a quaternion's length
 LONGEST_WORD = 200  # characters
 LONGEST_JSON = 100_000
 PELLETS = "pellets"  # namespaces of markers

@@ -40,7 +40,7 @@ from .supervisor.game_nodes import QUIET, module_of
 from .surroundings import current
 from .topics import CONFIGURATION
 
-LAST_MESSAGES_S = 2.0  # for answers and acknowledgements together
+LAST_MESSAGES_S = 2.0  # time for answers and acknowledgements together
 TEARDOWN_S = 5  # many participants that leave together can hang inside FastDDS
 POLL_S = 0.2  # longest delay until a signal is noticed
 BAD_START = 2  # exit status
@@ -387,7 +387,7 @@ def _code() -> Iterator[tuple[int, int]]:
 
 
 class ObserverNode(Node):
-    """Node that observes a game while it is spun, in a context of its own, which ``close`` shuts down."""
+    """Node that observes a game while it is spun, in its own context, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
         avoid_shared_memory()

@@ -100,7 +100,7 @@ class OperatorStop:
 
 
 def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, bool], str, str]:
-    """Parse a request: its time and True for a stop; who requested it; which node publishes it."""
+    """Parse a request; return (time, True for a stop), the person and the publishing node."""
     text = message.data
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")

@@ -32,7 +32,7 @@ class Standstill:
     def __init__(self, lease_s: float) -> None:
         self._lease_s = lease_s
         self._end = threading.Event()
-        self.longest_s = 0.0  # of all standstills
+        self.longest_s = 0.0  # longest of all standstills
         threading.Thread(target=self._watch, daemon=True).start()
 
     def __bool__(self) -> bool:

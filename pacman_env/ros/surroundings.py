@@ -20,7 +20,7 @@ _POLL_S = 0.02  # between two evaluations of a condition
 
 
 class Surroundings:
-    #: True if the process steps the simulated robot, which then has no timer of its own.
+    #: True if the process steps the simulated robot, which then has no own timer.
     lock_step = False
 
     def options(self) -> dict[str, Any]:

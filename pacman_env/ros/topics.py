@@ -124,7 +124,7 @@ PELLETS_COLLECTED = Topic("game/pellets_collected", "std_msgs/Int32", LATCHED)
 SCORE = Topic("game/score", "std_msgs/Int32", LATCHED)
 ROUND = Topic("game/round", "std_msgs/Int32", LATCHED)
 GHOSTS_CAUGHT = Topic("game/ghosts_caught", "std_msgs/Int32", LATCHED)  # in this round, of a game with power pellets
-#: For each ghost the ROS times, s, until which it is harmless and until which it is away (``game/power.py``).
+#: ROS times, s, until which each ghost is harmless and until which it is away (``game/power.py``).
 HARMLESS_GHOSTS = Topic("game/harmless_ghosts", "std_msgs/Float64MultiArray", LATCHED)
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s

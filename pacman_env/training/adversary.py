@@ -53,7 +53,7 @@ _PLANNER, _CLYDE = 0, 1  # streams of random numbers
 
 @dataclass(frozen=True)
 class AdversaryArguments(Checked):
-    """Train a planner and a Clyde against each other, in turns, or measure what has been trained."""
+    """Train a planner and a Clyde against each other, in turns, or measure a trained planner."""
 
     start: Path | None = None
     """Planner to start with: an ONNX file, or a checkpoint such as best.zip; without: imitation of lookahead."""
@@ -88,7 +88,7 @@ class AdversaryArguments(Checked):
     measure: Path | None = None
     """Do not train: print the table of this planner."""
     clyde: Path | None = None
-    """With --measure: a learned Clyde to play against, in addition to the built-in ones."""
+    """Learned Clyde to play against with --measure, in addition to the built-in ones."""
     threads: Count = 2
     """Threads that compute an update, step games and play rounds; 0: one per core."""
     progress: bool = True

@@ -121,7 +121,7 @@ class Arguments(Checked):
     execution: str = "robust"
     """Execution of goals: robust or as_built."""
     randomize: bool = False
-    """Also draw localization errors, Nav2's delay and aborts for each round."""
+    """Draw also localization errors, Nav2's delay and aborts for each round."""
     curriculum: bool = False
     """Start with slow Clydes; the highest speed grows over the first half of the run."""
     without: tuple[Part, ...] = ()

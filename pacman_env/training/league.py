@@ -1,7 +1,7 @@
 """League of a training: Clydes that learned against earlier planners, and how often the planner meets each.
 
 The behaviour ``learned`` in a line-up stands for such a Clyde; before the first member exists, ``arcade`` and ``chase``
-replace it. A member is drawn more often the more rounds the planner loses to it (prioritised fictitious self-play:
+replace it. A member is drawn more often if the planner loses more rounds to it (prioritised fictitious self-play:
 Vinyals et al., "Grandmaster level in StarCraft II", 2019, with f(x) = 1 - x).
 """
 

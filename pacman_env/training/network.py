@@ -1,8 +1,8 @@
 """Network of the learned planner in torch: a shared encoder of candidates, pooled context, one logit per candidate.
 
-The order of candidates does not matter, and forbidden candidates have no influence. Candidates share an encoder, are
-pooled by mean and maximum over the allowed ones (Zaheer et al., "Deep Sets", 2017), and each is judged by its own
-encoding and the pooled context.
+The order of candidates does not matter, and forbidden candidates have no influence. Candidates share an encoder
+and are pooled by mean and maximum over the allowed ones (Zaheer et al., "Deep Sets", 2017). The logit of a candidate
+depends on its own encoding and the pooled context.
 """
 
 from __future__ import annotations

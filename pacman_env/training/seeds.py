@@ -1,4 +1,4 @@
-"""Run the same training from several seeds at once: ``pacman-env seeds``. Each seed is a task; a table follows.
+"""Run the same training from several seeds in parallel: ``pacman-env seeds``. Each seed is a task; a table follows.
 
 A member is the training of one seed. It trains in the cache folder of its worker's machine. If the worker is lost,
 another worker continues there from the last checkpoint, or starts again on another machine; both give the same planner.

@@ -162,7 +162,7 @@ class AccessControl:
         name = host_name(hosts[0]) if len(hosts) == 1 else None
         address = (scope.get("server") or ("", 0))[0].lower().removeprefix("::ffff:")  # IPv4 on an IPv6 socket
         if name is None or (name != address and name not in self._names):
-            return 421, "a Host that is not this server's (a name of your own: --name)"
+            return 421, "an unknown Host (add a name with --name)"
         if len(origins) > 1 or (origins and not self._is_own(origins[0].lower(), hosts[0].strip().lower())):
             return 403, "a page of another origin (behind a proxy: --name with the page's whole address)"
         try:

@@ -11,7 +11,7 @@ _UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this
 
 
 def bind(host: str, port: int) -> socket.socket:
-    """Return a socket bound to an address of this machine; OSError says what is wrong with it."""
+    """Return a socket bound to an address of this machine; raises OSError with the reason."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
@@ -27,8 +27,8 @@ def bind(host: str, port: int) -> socket.socket:
         bound.close()
         reasons = {
             errno.EADDRINUSE: f"port {port} of {host} is in use: choose another port, or 0 for any free one",
-            errno.EADDRNOTAVAIL: f"{host} is no address of this computer",
-            errno.EACCES: f"port {port} of {host} may not be used: one from 1024 on, or 0 for any that is free",
+            errno.EADDRNOTAVAIL: f"{host} is not an address of this computer",
+            errno.EACCES: f"port {port} of {host} is not permitted: choose a port from 1024 on, or 0 for any free one",
         }
         raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
     return bound

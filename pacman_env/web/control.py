@@ -48,7 +48,7 @@ class RoleControl:
 
     def __init__(self) -> None:
         self.operator: str | None = None
-        self.asking: list[str] = []  # people who asked for control, in order
+        self.asking: list[str] = []  # people who requested control, in order
         self.roles = Roles()
         self.gone: dict[str, float] = {}  # time of leaving, by person whose control or role is kept
 

@@ -12,7 +12,7 @@ from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 class Driving:
     def __init__(self) -> None:
         self.roles = Roles()
-        self.goals: dict[str, int | None] = {}  # by role: the robot's candidate, a ghost's cell or FOLLOW
+        self.goals: dict[str, int | None] = {}  # goals by role: the robot's candidate, a ghost's cell or FOLLOW
         self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
 
     @property
@@ -36,7 +36,7 @@ class Driving:
         if role is None:
             raise Refused("choose a role in the tab Play first")
         if goal.candidate is not None and goal.candidate > played.hold:
-            raise Refused(f"candidate {goal.candidate}: there are 0 to {played.hold}")
+            raise Refused(f"candidate {goal.candidate}: must be 0 to {played.hold}")
         if role == ROBOT:
             self.goals[role] = _robot_goal(goal, played)
             self.hand = None

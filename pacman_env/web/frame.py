@@ -11,7 +11,7 @@ from pacman_env.game.lights import Ring
 from pacman_env.game.round import State
 
 MOST_PLAN_POINTS = 64
-_DECIMALS = 4  # of numbers in arrays: a tenth of a millimetre
+_DECIMALS = 4  # decimals of numbers in arrays: a tenth of a millimetre
 
 Metres = Annotated[float, Meta(extra_json_schema={"unit": "m"})]
 Seconds = Annotated[float, Meta(extra_json_schema={"unit": "s"})]
@@ -43,7 +43,7 @@ class Frame(OptionalFields, frozen=True, tag_field="kind", tag="frame"):
     """State of a game at one moment. NaN becomes null in JSON."""
 
     state: State
-    revision: int  # of the scene to which the frame belongs
+    revision: int  # revision of the scene to which the frame belongs
     number: int  # increases with each change
     time_s: Seconds = 0.0  # since the round began
     speed: float = 1.0  # simulated time relative to real time
@@ -55,16 +55,16 @@ class Frame(OptionalFields, frozen=True, tag_field="kind", tag="frame"):
     paused: bool = False
     stopped: bool = False
     over: bool = False  # the round has ended
-    true: Pose | None = None  # of the robot, None: unknown
+    true: Pose | None = None  # true pose of the robot, None: unknown
     believed: Pose | None = None
     velocity: tuple[MetresPerSecond, RadiansPerSecond] = (0.0, 0.0)
-    baseline: Pose | None = None  # of the policy's robot in the same round, if a person plays
+    baseline: Pose | None = None  # pose of the policy's robot in the same round, if a person plays
     baseline_collected: int = 0
     ring: Ring | None = None  # six LEDs, None: not controlled by the game
     ghosts: Points = field(default_factory=lambda: np.zeros((0, 2)))
     ghost_goals: Points = field(default_factory=lambda: np.zeros((0, 2)))  # targets set by people, NaN: none
     alive: Present = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))  # remaining pellets
-    scores: Scores = field(default_factory=lambda: np.zeros(0))  # of candidates, NaN: none
+    scores: Scores = field(default_factory=lambda: np.zeros(0))  # scores of candidates, NaN: none
     plan: Points = field(default_factory=lambda: np.zeros((0, 2)))  # path to the goal
     scan: Ranges = field(default_factory=lambda: np.zeros(0))  # ray 0 ahead, counter-clockwise, NaN: no hit
 

@@ -30,7 +30,7 @@ START_S = 2.0  # length of the start show; the robot's is longer
 _HOME_S = 2.0  # real time for showing the end of a round
 _STEPS = 64  # steps of a tick that frames distinguish
 _THEME_S = 6.0  # a shorter start show has a short melody, so that sounds of the round are heard
-_LIVES = 3  # of a person who plays the robot
+_LIVES = 3  # lives of a person who plays the robot
 _REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
@@ -67,8 +67,8 @@ class Match:
         self._lives = _LIVES
         self._retry: tuple[int, int, int] | None = None  # round, score and seed of a person's next try
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
-        self._number = 0  # of the frame
-        self._key: Any = None  # what it shows
+        self._number = 0  # number of the frame
+        self._key: Any = None  # content of the frame
 
     @property
     def state(self) -> str:

@@ -105,7 +105,7 @@ class Event(Message, frozen=True):
 
 
 class Arm(Message, frozen=True):
-    on: bool  # whether the robot moves at events
+    on: bool  # True: the robot moves at events
 
 
 class Watch(Message, frozen=True):

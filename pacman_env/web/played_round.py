@@ -299,7 +299,7 @@ def _choice(policy: Policy, situation: Situation, hold: int) -> int:
 
 class Recordings:
     def __init__(self) -> None:
-        self.count = 0  # of all rounds
+        self.count = 0  # number of all rounds
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
 
     def keep(self, played: PlayedRound, **facts: Any) -> str:

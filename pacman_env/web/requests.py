@@ -1,4 +1,4 @@
-"""Check who may send a message to the game, and let the game handle it in a thread of its own."""
+"""Check who may send a message to the game, and let the game handle it in a separate thread."""
 
 import asyncio
 import contextlib

@@ -35,7 +35,7 @@ _MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 @dataclass(frozen=True)
 class Rules:
     map: str = "house"
-    level: int | None = None  # of a generated map; None: drawn from the seed
+    level: int | None = None  # level of a generated map; None: drawn from the seed
     preset: str = "robot"
     policy: str = "ppo"
     second: str = "clyde_aware"
@@ -109,7 +109,7 @@ class Choices:
             if rules.map != GENERATED:
                 raise Refused(f"level {rules.level}: map {rules.map!r} has none")
             if rules.level >= TEST_LEVEL + TEST_LEVELS:
-                raise Refused(f"level {rules.level}: there are 0 to {TEST_LEVEL + TEST_LEVELS - 1}")
+                raise Refused(f"level {rules.level}: must be 0 to {TEST_LEVEL + TEST_LEVELS - 1}")
 
     def prepare(self, rules: Rules, clyde_mps: float | None) -> tuple[Config, LevelSource, dict[int, Policy]]:
         self.check(rules)
@@ -135,7 +135,7 @@ class Choices:
         if loaded.grey.size > _MOST_PIXELS:
             raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
         if name in shipped_maps() or name == GENERATED:
-            raise Refused(f"map {name!r}: a map that ships has this name")
+            raise Refused(f"map {name!r}: a shipped map has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
         if name not in own and len(own) >= _MOST_MAPS:
             raise Refused(f"{_MOST_MAPS} maps are stored, the limit: use the name of a map that may be replaced")

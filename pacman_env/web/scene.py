@@ -10,10 +10,10 @@ from pacman_env.web.control import ghost_role
 
 def scene_facts(
     number: Callable[[str], float],  # value of a field of the configuration
-    places: list[list[float]],  # of the candidates, m: pellets, then refuges
-    pellet_ids: Sequence[int],  # of the pellets among them
+    places: list[list[float]],  # places of the candidates, m: pellets, then refuges
+    pellet_ids: Sequence[int],  # ids of the pellets among the candidates
     power_pellets: list[int],  # numbers of the pellets that are power pellets
-    behaviours: dict[int, str],  # of the ghosts, by number
+    behaviours: dict[int, str],  # behaviours of the ghosts by number
 ) -> dict[str, Any]:
     """Return facts of places, ghosts and robot (docs/web_protocol.md, "scene")."""
     facts = {

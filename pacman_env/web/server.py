@@ -1,4 +1,4 @@
-"""Serve the operator page of a game by uvicorn, in a thread of its own."""
+"""Serve the operator page of a game by uvicorn, in its own thread."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _LOGGER = logging.getLogger("uvicorn.error")
 
 
 class WebServer:
-    """Server of the page in a thread of its own; ``with`` starts and closes it. The caller closes the game."""
+    """Server of the page in its own thread; ``with`` starts and closes it. The caller closes the game."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class _Server(uvicorn.Server):
     async def shutdown(self, sockets: list[Any] | None = None) -> None:
         await self._sessions.end()
         await super().shutdown(sockets)
-        for connection in list(self.server_state.connections):  # for clients that read nothing
+        for connection in list(self.server_state.connections):  # close the connections of clients that do not read
             connection.transport.abort()
         await asyncio.sleep(0)
 

@@ -109,7 +109,7 @@ class Sessions:
             viewer = Viewer(before.name, access, before.turn)
             before.is_replaced = True
             if before.gone_s is None:  # the old connection died unnoticed
-                before.outbox.end("your page is connected anew")
+                before.outbox.end("your page has reconnected")
                 self.audience.remove(before)
             self.audience.add(viewer, is_new=False)
             self._spawn(self._return(viewer, before))
@@ -156,8 +156,8 @@ class Sessions:
                 self._receive(viewer, event.get("bytes", b"") if text is None else text)
 
     def _receive(self, viewer: Viewer, text: str | bytes) -> None:
-        """Check one message. A stop is handled at once, before all other messages and at any rate."""
-        message, error = None, "bad message: text is understood, bytes are not"
+        """Check one message. A stop is handled immediately, before all other messages and at any message rate."""
+        message, error = None, "bad message: must be text, not bytes"
         if isinstance(text, str):
             try:
                 message = parse(text)
@@ -182,7 +182,7 @@ class Sessions:
         elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
             viewer.answer(message, VIEW_ONLY)
         elif viewer.waiting >= MOST_TEXTS - 1:
-            viewer.answer(message, "too much at once: the game has not done yet what you asked for")
+            viewer.answer(message, "too many requests: the game still handles your earlier ones")
         else:
             viewer.waiting += 1
             self._spawn(self._take_turn(viewer, message, self.requests.stops))
@@ -202,7 +202,7 @@ class Sessions:
             viewer.waiting -= 1
             if viewer.gone_s is not None:
                 return
-            what = f"what a page asked for ({type(message).__name__.lower()})"
+            what = f"a request from a page ({type(message).__name__.lower()})"
             if refusal := await self._attempt(what, self.requests.carry_out(viewer, message, stops)):
                 viewer.answer(message, refusal)
             if viewer.gone_s is not None and not viewer.is_replaced:  # the page disconnected meanwhile

@@ -18,7 +18,7 @@ from pacman_env.web.messages import Message
 from pacman_env.web.rules import Choices, Rules
 
 _LOG = logging.getLogger(__name__)
-_PATIENCE_S = 300.0  # for an answer, because kernels may have to be compiled
+_PATIENCE_S = 300.0  # longest wait for an answer: kernels may have to be compiled
 _LONG = (messages.Setup, messages.ClydeSpeed, messages.Compare)  # prepare a map, or play a round
 _WHY_S = 0.25  # interval of sending the terms
 
@@ -34,13 +34,13 @@ class SimulatedGame:
         *,
         maps: Sequence[str] = (),  # map files, in addition to the shipped maps
         policies: Sequence[str] = (),  # policies, in addition to the installed ones
-        seed: int | None = None,  # of the first round, which decides the seeds of the others; None: random
+        seed: int | None = None,  # seed of the first round, which decides later seeds; None: random
         speed: float = 1.0,  # relative to real time
         start_s: float = START_S,  # length of the show before each round, simulated
     ) -> None:
         choices, self._news = Choices(maps, policies), News()
         self._speed = speed
-        self._lock = threading.RLock()  # for the match and the attributes below
+        self._lock = threading.RLock()  # protects the match and the attributes below
         self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock, start_s)
         self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
         self.story = self._match.recordings.frames

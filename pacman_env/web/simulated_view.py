@@ -33,7 +33,7 @@ class TickClock:
         self.speed = speed
         self.tick_s = 0.5  # simulated
         self.paused = self.stopped = False
-        self._share = 0.0  # of the tick, at the last change
+        self._share = 0.0  # share of the tick at the last change
         self._changed_s = time.monotonic()
 
     @property

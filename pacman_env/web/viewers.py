@@ -16,10 +16,10 @@ from pacman_env.web.messages import Message, as_json
 from pacman_env.web.vocabulary import vocabulary
 
 MOST_TEXTS = 64  # queued texts per viewer
-MOST_BYTES = 4 << 20  # of them
+MOST_BYTES = 4 << 20  # size of the queued texts
 MESSAGES_PER_S = 50.0  # per viewer; also the largest burst
 PATIENCE = 250  # messages above the rate before the connection is closed
-MOST_PICTURES = 4  # of the last scenes
+MOST_PICTURES = 4  # pictures of the last scenes
 MORE_OPERATORS = 10  # above the limit of viewers, so that a crowd does not keep operators out
 
 
@@ -45,7 +45,7 @@ class Outbox:
         self._bytes += len(text)
         self._wake.set()
         if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
-            self.end("too slow: your connection does not receive what is sent to it")
+            self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
         """Send ``bye`` instead of what waits, and nothing afterwards."""
@@ -74,14 +74,14 @@ class Viewer:
 
     name: str  # shown to the others
     access: Kind
-    turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # of the person: one message is handled at a time
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # turn of the person: one message is handled at a time
     outbox: Outbox = field(default_factory=Outbox)
     key: str = field(default_factory=lambda: secrets.token_urlsafe(16))
     is_fresh: bool = True  # nothing has been sent yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
     gone_s: float | None = None  # when the page disconnected
-    is_replaced: bool = False  # by another connection of the same person
+    is_replaced: bool = False  # True: replaced by another connection of the same person
     waiting: int = 0  # messages that wait for their turn
     stops: list[Message] = field(default_factory=list)  # messages that wait for the current one
     is_stopping: bool = False
@@ -114,7 +114,7 @@ class Viewer:
 
 class Update(NamedTuple):
     viewers: tuple[Viewer, ...]
-    choices: dict[str, Any]  # for viewers that connected since the last update
+    choices: dict[str, Any]  # choices for viewers that connected since the last update
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
@@ -122,11 +122,11 @@ class Update(NamedTuple):
 
 
 class Audience:
-    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends what is new."""
+    """All viewers of a game. :meth:`poll` asks the game, in any thread; :meth:`send` sends the news."""
 
     def __init__(self, game: Game, most: int, people: Callable[[], dict[str, Any]]):
         self.viewers: list[Viewer] = []
-        self.pictures: dict[int, bytes] = {}  # by the scene's revision
+        self.pictures: dict[int, bytes] = {}  # pictures by revision of the scene
         self._game, self._most, self._people = game, most, people
         self._greets = False  # a new person is the only one
         self._number: int | None = None

@@ -108,5 +108,5 @@ def test_map_check_returns_1_for_unplayable_map(room: Path, capsys: pytest.Captu
 def test_map_generate_keeps_existing_houses(tmp_path: Path, refused: Callable[..., None]) -> None:
     kept = tmp_path / "generated-1.pgm"
     kept.write_text("mine")
-    refused(main, ["map", "generate", str(tmp_path), "--count", "2"], f"{kept}: is there already")
+    refused(main, ["map", "generate", str(tmp_path), "--count", "2"], f"{kept}: already exists")
     assert kept.read_text() == "mine"

@@ -96,11 +96,11 @@ def test_warm_up_skips_finished_parts_and_unrequested_robot(
 ) -> None:
     assert main(["warm-up"]) == 0
     assert done == ["one game", "policies"]
-    assert capsys.readouterr().out.endswith(f"kept in {tmp_path}\n")
+    assert capsys.readouterr().out.endswith(f"{tmp_path}\n")
     assert main(["warm-up", "--robot"]) == 0
     assert done == ["one game", "policies", "robot"]
     out = capsys.readouterr().out
-    assert out.count("done before") == 2
+    assert out.count("already compiled") == 2
 
 
 def test_warm_up_repeats_after_compiler_change(
@@ -110,7 +110,7 @@ def test_warm_up_repeats_after_compiler_change(
     monkeypatch.setattr("numba.__version__", "0.0")
     main(["warm-up"])
     assert done == ["one game", "policies"] * 2
-    assert "done before" not in capsys.readouterr().out
+    assert "already compiled" not in capsys.readouterr().out
 
 
 def fail() -> None:

@@ -148,7 +148,7 @@ def test_attributes_are_set_for_all_or_none() -> None:
     env = PacManBotVecEnv(2)
     env.set_attr("stage", 3)
     env.set_attr("stage", 4, indices=[1, 0])
-    with pytest.raises(ValueError, match="stage: the games of a batch share it"):
+    with pytest.raises(ValueError, match="stage: must be set for all games"):
         env.set_attr("stage", 5, indices=0)
     assert env.get_attr("stage") == [4, 4]
 
@@ -211,8 +211,8 @@ def given(**more: Any) -> PacManBotVecEnv:
     [
         (lambda: PacManBotVecEnv(make_vector(2)), ValueError, r"NEXT_STEP.*needs AutoresetMode.SAME_STEP"),
         (lambda: PacManBotVecEnv(2, autoreset_mode=AutoresetMode.DISABLED), ValueError, "DISABLED"),
-        (lambda: given(map="loop"), TypeError, r"\['map'\] given with an environment"),
-        (lambda: given(flat=True), TypeError, r"\['flat'\] given with an environment that is made already"),
+        (lambda: given(map="loop"), TypeError, r"\['map'\] must not be given with an existing environment"),
+        (lambda: given(flat=True), TypeError, r"\['flat'\] must not be given with an existing environment"),
         (lambda: PacManBotVecEnv("house"), TypeError, "'house': must be a number of games"),
         (lambda: PacManBotVecEnv(True), TypeError, "True: must be a number"),
     ],

@@ -225,7 +225,7 @@ def test_bad_speeds_and_environments_are_refused() -> None:
             Player(make(render_mode="rgb_array"), speed=speed)
     with pytest.raises(ValueError, match="render_mode = None"):
         Player(make())
-    with pytest.raises(ValueError, match="a human plays in Discrete or in a Box"):
+    with pytest.raises(ValueError, match="must be Discrete or a Box"):
         Controls(spaces.MultiBinary(3))
 
 

@@ -79,4 +79,4 @@ def test_setting_provides_unit_and_description_of_field() -> None:
     shown = {setting.name: (setting.unit, setting.words) for setting in settings()}
     assert shown["robot.radius_m"] == ("m", "body (Create 3)")
     assert shown["robot.wheel_acceleration_mps2"] == ("m/s²", "Create 3")
-    assert shown["localization.perfect"] == ("", "True: belief = truth at every instant")
+    assert shown["localization.perfect"] == ("", "True: the believed pose always equals the true pose")

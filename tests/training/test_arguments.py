@@ -128,7 +128,7 @@ def test_wrong_field_is_named_with_file_and_section(changes: dict[Any, Any], mes
         (b"- headline", "no section 'headline'"),
         (b"", "no section 'headline'"),
         (b"headline: [", "cannot be read"),
-        (b"headline: {gamma: 0.9, gamma: 0.8}", "cannot be read: key 'gamma' is there twice"),
+        (b"headline: {gamma: 0.9, gamma: 0.8}", "cannot be read: key 'gamma' is repeated"),
         (b"\xff\xfe\xff", "cannot be read"),
         (b"headline: !!python/object/apply:os.getcwd []", "cannot be read"),
         (None, "cannot be read"),

@@ -40,7 +40,7 @@ def test_every_offered_choice_is_playable() -> None:
         (Rules(settings={"robot.speed_mps": 9.0}), "robot.speed_mps"),
         (Rules(settings={"time_limit_s": 1e9}), "at most 3600 s here"),
         (Rules(level=3), "level 3: map 'house' has none"),
-        (Rules(map="generated", level=10**9), "level 1000000000: there are 0 to"),
+        (Rules(map="generated", level=10**9), "level 1000000000: must be 0 to"),
     ],
 )
 def test_unknown_choice_is_refused_by_its_name(rules: Rules, words: str) -> None:
@@ -95,7 +95,7 @@ def test_uploaded_map_is_checked_and_chosen(tmp_path: Path) -> None:
         ("mine", None, b"GIF89a", "mine.yaml: key 'image'"),
         ("mine", "image: x.pgm\nresolution: 0.05\norigin: [0, 0, 0]", b"P5 nothing", "mine.yaml"),
         ("mine", "image: x.pgm\nresolution: 0\norigin: [0, 0, 0]", b"P5\n2 2\n255\nabcd", "is missing"),
-        ("house", None, None, "a map that ships has this name"),
+        ("house", None, None, "a shipped map has this name"),
     ],
 )
 def test_unusable_map_is_refused_with_the_reason(

@@ -145,7 +145,7 @@ def test_stop_overtakes_flood_that_is_refused(serve: Callable[..., WebServer], m
         page.send("stop")
         wait_for(lambda: ("stop", page.name) in game.calls)
         assert [type(message) for _, message in game.handled] == [messages.Start], "the others still wait"
-        for words in ("too much at once", "some are ignored"):
+        for words in ("too many requests", "some are ignored"):
             while not any(words in text.get("words", "") for text in page.texts):
                 page.read()
         game.go_on.set()
@@ -327,7 +327,7 @@ def test_address_is_refused_with_the_reason(serve: Callable[..., WebServer]) -> 
     for host, port, words in (
         ("127.0.0.1", taken, f"port {taken} of 127.0.0.1 is in use"),
         ("no-such-name.invalid", 0, "no-such-name.invalid: no such address"),
-        ("192.0.2.1", 0, "192.0.2.1 is no address of this computer"),
+        ("192.0.2.1", 0, "192.0.2.1 is not an address of this computer"),
     ):
         with pytest.raises(OSError, match=words):
             WebServer(ScriptedGame(), host, port).start()

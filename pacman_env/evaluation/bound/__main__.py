@@ -1,7 +1,7 @@
 """Bound and estimate the share of rounds that can be completed on a map: ``pacman-env bound``.
 
-A start is the beginning of a round. ``rows`` counts the starts that are not lost by a pursuit (``graph``, ``pursuit``)
-and the least time to collect all pellets (``collecting``), and the starts that a search wins (``estimate``).
+A start is the beginning of a round. ``rows`` counts the starts that a pursuit does not lose (``graph``, ``pursuit``)
+and the starts that a search wins (``estimate``), and computes the shortest collection time (``collecting``).
 """
 
 import argparse
@@ -48,13 +48,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env bound",
-        description="What is possible on a map against ghosts whose reaction is known: an upper bound of the share of"
-        " rounds that any policy completes, by a relaxed pursuit with perfect information, and an estimate of that"
-        " share, by a search that knows everything.",
+        description="Compute which share of rounds a policy can complete on a map. A relaxed pursuit with perfect"
+        " information gives an upper bound for all policies. A search with perfect information gives an estimate."
+        " The reactions of the ghosts must be known.",
     )
     add = parser.add_argument
-    add("--map", nargs="+", default=["house"], metavar="FILE_OR_NAME", help="maps (house)")
-    ghosts = "behaviours, each a row; with commas several ghosts at once, such as arcade,chase (chase)"
+    add("--map", nargs="+", default=["house"], metavar="FILE_OR_NAME", help="maps: names, files or folders (house)")
+    ghosts = "ghosts of each row; commas join the behaviours of several ghosts, such as arcade,chase (chase)"
     add("--ghosts", nargs="+", default=["chase"], metavar="BEHAVIOUR", help=ghosts)
     speeds = (0.15, 0.25, 0.35, 0.45)
     add(
@@ -63,16 +63,16 @@ def make_parser() -> Parser:
         type=finite_number(0),
         default=speeds,
         metavar="V",
-        help="of the ghosts, m/s (0.15 to 0.45)",
+        help="speeds of the ghosts, m/s (0.15 to 0.45)",
     )
-    add("--starts", type=whole_number(1), default=50, metavar="N", help="rounds' beginnings (%(default)s)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    width = "of the search that estimates, 0: none (%(default)s)"
+    add("--starts", type=whole_number(1), default=50, metavar="N", help="number of starts (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
+    width = "width of the search; 0: no estimate (%(default)s)"
     add("--width", type=whole_number(0, 1000), default=64, metavar="N", help=width)
-    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="a field of the configuration; repeatable")
+    add("--preset", default="robot", metavar="NAME", help=f"preset: one of {', '.join(preset_names())} (%(default)s)")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     add_executor_arguments(parser)
-    add("--json", type=Path, metavar="OUT", help="write the numbers")
+    add("--json", type=Path, metavar="OUT", help="write the results to this file")
     return parser
 
 
@@ -89,7 +89,7 @@ def configs_of(arguments: argparse.Namespace) -> list[Config]:
         for name in names:
             find_behaviour(name)
         if POLICY in names:
-            raise ConfigError(f"--ghosts {ghosts}: what a policy does is not known")
+            raise ConfigError(f"--ghosts {ghosts}: the reactions of a policy are unknown")
         own = {"clyde.ghosts": names, "clyde.speed_mps": speed}
         configs.append(make_config(arguments.preset, **changes, **own))
     for name, value in _ASSUMED.items():

@@ -1,4 +1,4 @@
-"""Estimate what is possible: play rounds of the coarse model by a wide beam search with perfect information."""
+"""Estimate the achievable completion: a wide beam search with perfect information plays the coarse model."""
 
 from typing import Any
 

@@ -104,7 +104,7 @@ def _moves(
 ) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int8]]:
     """Return the index of the first move of each block, and for each move its destination block and its kind.
 
-    Two steps count as one move if the squares of the first and the last block touch, also at a corner: the path through
+    Two steps count as one move if the squares of the first and the last block touch, also at a corner. The path through
     the block between them is as long as the direct path.
     """
     count = len(square)
@@ -156,7 +156,7 @@ def targets_of(
     targets = np.full((len(graph.robot_xy), len(graph.ghost_xy), TARGETS), -1, dtype=np.int16)
     if _choose(behaviours.table.address, ghosts, map_, places, corner, reach, targets) < 0:
         raise ValueError(
-            f"ghosts {behaviour.name}: where such a ghost goes must follow from where it and the robot are"
+            f"ghosts {behaviour.name}: the target of the ghost must depend only on the positions of ghost and robot"
         )
     return targets
 

@@ -18,7 +18,7 @@ from .graph import SQUARES, Graph
 LATTICE = 1.0824
 UNIT_S = 0.05  # unit of times in tables
 FOR_EVER = 65_535  # units
-_UNITS = 4  # of credit per square
+_UNITS = 4  # units of credit per square
 
 
 class Pace(NamedTuple):

@@ -79,8 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env houses", description=__doc__)
-    parser.add_argument("--levels", type=count(), default=200, help="half of them from the test split")
-    parser.add_argument("--start", type=whole_number(0), default=0, help="the first, counted in either split")
+    parser.add_argument("--levels", type=count(), default=200, help="number of levels, half of them test levels (200)")
+    parser.add_argument("--start", type=whole_number(0), default=0, help="index of the first level in each split (0)")
     return parser
 
 

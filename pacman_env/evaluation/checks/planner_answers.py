@@ -1,6 +1,6 @@
 """Compare simulated paths with recorded paths of another planner: ``pacman-env validation --planner-answers``.
 
-A file of answers is JSON: ``planner`` is the planner's name, ``settings`` are the fields of our configuration for its
+A file of answers is JSON. ``planner`` is the planner's name, ``settings`` are the fields of our configuration for its
 costmap, by dotted name, and ``maps`` contains a list of answers for each map: ``start``, ``goal`` and ``path`` (null:
 no path), all as (x, y) in m.
 """

@@ -24,7 +24,7 @@ from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.localization import Pose
 
 _GHOSTS_FAR = ("none", "far")
-_LIMIT_S = 90.0  # of a trial
+_LIMIT_S = 90.0  # longest duration of a trial
 REST_MPS, REST_RADPS = 0.01, 0.02  # a slower robot stands
 AHEAD, BEHIND = math.pi / 4, 3 * math.pi / 4  # bearings of goals ahead and behind
 _CLOSE = 0.15  # relative difference of travel times that counts as close
@@ -52,7 +52,7 @@ class RecordedGoal:
     velocity: tuple[float, float]  # m/s, rad/s at the start
     sent_s: float
     canceled_s: float  # NaN: not canceled
-    bearing: float  # of the path's beginning relative to the heading, rad
+    bearing: float  # direction of the path's beginning relative to the heading, rad
     preempts: bool  # it replaces a running goal
     driven: DrivenGoal
 
@@ -126,7 +126,7 @@ def _all(goal: RecordedGoal) -> bool:
     return True
 
 
-#: What is compared: the goals that count, and the field of ``DrivenGoal``.
+#: Compared quantities: the goals that count, and the field of ``DrivenGoal``.
 _MEASURES: dict[str, tuple[Callable[[RecordedGoal], bool], str]] = {
     "travel time, s": (_all, "ended_s"),
     "travel time, goals ahead, s": (_directions(0.0, AHEAD), "ended_s"),

@@ -115,17 +115,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env validation", description=__doc__)
-    parser.add_argument("--map", default="house", help="name or YAML file; the experiment's is pacmanbot_house")
-    parser.add_argument("--episodes", type=count(), default=1000)
-    parser.add_argument("--seed", type=whole_number(0), default=0)
+    parser.add_argument("--map", default="house", help="name or YAML file; the trials used pacmanbot_house (house)")
+    parser.add_argument("--episodes", type=count(), default=1000, help="number of rounds per row (%(default)s)")
+    parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of the rounds (%(default)s)")
     add_executor_arguments(parser)
-    parser.add_argument("--planner-answers", type=Path, help="compare paths with those of this file, and nothing else")
+    parser.add_argument("--planner-answers", type=Path, help="only compare paths with the paths in this file")
     parser.add_argument(
-        "--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="compare driving with these, and nothing else"
+        "--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings"
     )
-    parser.add_argument("--maps", type=Path, metavar="FOLDER", help="with recorded maps that are not shipped, by name")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="for --recorded-goals")
-    parser.add_argument("--markdown", type=Path, help="write the table here too")
+    parser.add_argument("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are not shipped")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")
+    parser.add_argument("--markdown", type=Path, help="also write the table to this file")
     return parser
 
 

@@ -34,24 +34,24 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env compare",
-        description="Let policies play the same rounds and compare them. Decision times are those of the"
-        " policy alone for one situation, without simulator and observation. All numbers but these times are"
-        " the same for any number of workers and threads.",
+        description="Let policies play the same rounds and compare them. Decision times are measured for one"
+        " situation and the policy alone, without simulator and observation. All other results are the same"
+        " for any number of workers and threads.",
     )
     add = parser.add_argument
     policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
-    scenarios.add_policy_arguments(parser, policies, "the first is what the others are compared with")
+    scenarios.add_policy_arguments(parser, policies, "policies; all are compared with the first")
     scenarios.add_game_arguments(parser, several=True)
     add("--episodes", type=count(), default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add_executor_arguments(parser)
-    add("--threads", type=whole_number(0), default=1, metavar="N", help="of each process; 0: one for each core (1)")
-    add("--resume", action="store_true", help="use the rounds that are kept, play the others")
-    parts = "where rounds are kept: else OUT.parts beside the JSON, else results/compare.parts"
+    add("--threads", type=whole_number(0), default=1, metavar="N", help="threads of each process; 0: one per core (1)")
+    add("--resume", action="store_true", help="load the stored rounds and play only the missing ones")
+    parts = "folder of the stored rounds (OUT.parts next to the JSON file, or results/compare.parts)"
     add("--parts", type=Path, metavar="FOLDER", help=parts)
-    add("--json", type=Path, metavar="OUT", help="write the numbers")
-    add("--plot", type=Path, metavar="OUT", help="PNG; else beside the JSON, else results/compare.png")
-    add("--video", type=Path, metavar="OUT", help="film (.mp4, .gif) of the first map's first round")
+    add("--json", type=Path, metavar="OUT", help="write the results to this file")
+    add("--plot", type=Path, metavar="OUT", help="plot (.png; next to the JSON file, or results/compare.png)")
+    add("--video", type=Path, metavar="OUT", help="write a video (.mp4, .gif) of the first round on the first map")
     return parser
 
 
@@ -106,7 +106,7 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if video is not None and video.suffix not in _VIDEO_SUFFIXES:
         raise ValueError(f"--video {video}: must end in {' or '.join(_VIDEO_SUFFIXES)}")
     if arguments.json == plot:
-        raise ValueError(f"--json {plot}: is the plot's file too")
+        raise ValueError(f"--json {plot}: must differ from --plot")
     return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
 
 

@@ -1,1 +1,1 @@
-"""Data sets of rounds: recorded many at once, written for Minari and as Parquet, with a card."""
+"""Data sets of rounds: recorded in batches, written for Minari and as Parquet, with a card."""

@@ -44,27 +44,27 @@ def main(argv: Sequence[str] | None = None) -> int:
 def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env dataset",
-        description="Play rounds with a policy and write all that was seen and done as a data set: for Minari (HDF5),"
-        " as Parquet tables, or both, with a card. The files are the same for any number of workers. With --bags the"
-        " rounds are those that a robot has played.",
+        description="Play rounds with a policy and write observations, actions and rewards as a data set: for Minari"
+        " (HDF5), as Parquet tables, or both, with a card. The files are the same for any number of workers. With"
+        " --bags, convert rounds that a robot has played.",
     )
     add = parser.add_argument
-    add("name", help="of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
-    add("--policy", default="lookahead", metavar="POLICY", help="a name, an .onnx file or a checkpoint (%(default)s)")
-    add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="of the environment (%(default)s)")
-    maps = "as the environment takes it: a file, a name, generated, generated:test (that of the id)"
+    add("name", help="name of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
+    add("--policy", default="lookahead", metavar="POLICY", help="policy name, .onnx file or checkpoint (%(default)s)")
+    add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="id of the environment (%(default)s)")
+    maps = "map: a file, a name, generated or generated:test (from the id)"
     add("--map", metavar="FILE_OR_NAME", help=maps)
-    kinds = f"instead of the observation of the id: {', '.join(KINDS.names())}; with flat, as one array"
+    kinds = f"kinds of the observation: {', '.join(KINDS.names())}; flat joins them to one array (from the id)"
     add("--observation", nargs="+", metavar="KIND", help=kinds)
-    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="of each ghost, or a policy's name (that of the id)")
-    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
-    setting = "any field of the configuration, such as observation.candidates=all; may be given again"
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost, or a policy name (from the id)")
+    add("--preset", default="robot", metavar="NAME", help=f"preset: one of {', '.join(preset_names())} (%(default)s)")
+    setting = "configuration setting, such as observation.candidates=all; repeatable"
     add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
-    add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds, or endless games (%(default)s)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
-    add("--format", nargs="+", choices=FORMATS, default=list(FORMATS), help="what is written (both)")
-    add("--bags", nargs="+", type=Path, metavar="BAG", help="of ros record, whose rounds are written; --map is its map")
-    add("--namespace", metavar="NAME", help="of the robot, where games of several are in a bag")
+    add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds or endless games (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
+    add("--format", nargs="+", choices=FORMATS, default=list(FORMATS), help="formats to write (both)")
+    add("--bags", nargs="+", type=Path, metavar="BAG", help="bags of 'ros record' to convert; --map must be their map")
+    add("--namespace", metavar="NAME", help="namespace of the robot, if a bag contains several robots")
     add("--root", type=Path, default=Path("results/datasets"), metavar="FOLDER", help="(%(default)s)")
     add_executor_arguments(parser)
     return parser
@@ -109,8 +109,8 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     print("{rounds} rounds, {decisions} decisions, {completed:.1f} % completed".format(**facts))
     if facts["unlisted"]:
         print(
-            f"{facts['unlisted']} choices were not listed among the actions, hold was played: "
-            "--set observation.candidates=all lists all"
+            f"{facts['unlisted']} choices were not listed among the actions and were played as hold; "
+            "--set observation.candidates=all lists all candidates"
         )
     for bag, words in unchecked.items():
         print(f"{bag}: {words}")
@@ -136,7 +136,7 @@ def _folder(arguments: argparse.Namespace) -> Path:
         raise ValueError(f"name = {arguments.name!r}: {rule}, and none is called data")
     folder: Path = arguments.root / arguments.name
     if folder.exists():
-        raise ValueError(f"{folder}: is there already")
+        raise ValueError(f"{folder}: already exists")
     return prepare(folder)
 
 
@@ -159,7 +159,7 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env_id: str, run
         "bags": [path.name for path in arguments.bags or ()],
         "id": env_id,
         "map": arguments.map or IDS[env_id].kwargs.get("map", "house"),
-        "map_hash": first.hash,  # for generated levels, the hash of the first
+        "map_hash": first.hash,  # hash of the first level if levels are generated
         "seed": None if arguments.bags else arguments.seed,
         "version": __version__,
         "sources": package_hash(),

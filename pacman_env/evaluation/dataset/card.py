@@ -25,12 +25,12 @@ pretty_name: {name}
 | rounds completed | {completed:.1f} % |
 | caught | {caught:.1f} % |
 | mean return | {mean_return:.3f} |
-| decisions for which no action stood, *hold* was played | {unlisted} |
+| decisions without a listed action, played as *hold* | {unlisted} |
 | observation space | `{observation_space}` |
 | action space | `{action_space}` |
 | version | pacman_env {version}, sources {sources}, commit {commit} |
 
-## How it was made
+## Command
 
 ```bash
 {command}
@@ -38,13 +38,13 @@ pretty_name: {name}
 
 {origin}
 
-## What is in it
+## Files
 
 | File | Bytes | |
 |---|---|---|
 {files}
 
-`python -c "import json; print(json.load(open('facts.json'))['settings'])"` prints the configuration that was played by.
+`python -c "import json; print(json.load(open('facts.json'))['settings'])"` prints the configuration.
 {reading}
 ## Licence
 
@@ -53,17 +53,17 @@ MIT, as pacman_env.
 _MEANING = {
     "data/main_data.hdf5": "rounds, as Minari stores them",
     "data/metadata.json": "Minari's metadata: spaces, the environment's spec, the facts",
-    "decisions.parquet": "a row for each decision: what was seen, mask, action, reward, end, seconds",
-    "rounds.parquet": "a row for each round: seed, level, outcome, return, what was seen last",
-    "facts.json": "all of this page's facts, and every setting",
+    "decisions.parquet": "a row for each decision: observation, mask, action, reward, end, seconds",
+    "rounds.parquet": "a row for each round: seed, level, outcome, return, last observation",
+    "facts.json": "all facts on this page, and all settings",
 }
 _SIMULATED = """\
 The rounds depend on these arguments and on the version alone, not on the number of workers. Their seeds are drawn
-from seed {seed}; on generated levels, rounds of one level are neighbours."""
+from seed {seed}; rounds of one generated level are adjacent."""
 _OF_A_ROBOT = """\
-The rounds were recorded by `pacman-env ros record` in the bags {bags}. Observations are made from what the robot knew
-at each decision, rewards from the game's reports. A robot's round has no seed (0 in the files) and cannot be played
-again; one that a person broke off ends truncated, with the outcome *running*."""
+The rounds were recorded by `pacman-env ros record` in the bags {bags}. Observations contain what the robot knew at
+each decision, and rewards follow from the reports of the game. Rounds of a robot have no seed (0 in the files) and
+cannot be replayed. A round that a person ended is truncated, with the outcome *running*."""
 _MINARI = """
 ```python
 import minari
@@ -75,8 +75,8 @@ episode = dataset[0]
 Masks are `infos["action_mask"]`, or in the observation.
 """
 _AGAIN = """
-A round is played again in `dataset.recover_environment()` by `reset(options={"round_seed": seed})`; its seed is
-`options/round_seed` of the episode's metadata.
+To replay a round, call `reset(options={"round_seed": seed})` in `dataset.recover_environment()`. The seed is
+`options/round_seed` in the metadata of the episode.
 """
 _TABLES = """
 ```python

@@ -1,4 +1,4 @@
-"""Record rounds of a policy in an environment, many at once, with observations and decisions as arrays.
+"""Record rounds of a policy in an environment, in batches, with observations and decisions as arrays.
 
 A task is plain data, and the arrays depend on it alone, neither on the batch in which a round is played nor on the
 executor.
@@ -82,7 +82,7 @@ def round_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
 def check(config: Config) -> None:
     """Raise ConfigError for an environment that policies of this package cannot play."""
     if config.action != "goal":
-        raise ConfigError(f"action = {config.action!r}: policies name goals")
+        raise ConfigError(f"action = {config.action!r}: must be goal, because policies choose goals")
 
 
 def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) -> list[Recording]:

@@ -42,13 +42,13 @@ class RobotRounds:
     def __init__(self, bags: Sequence[Path], arguments: EnvArguments, namespace: str | None = None) -> None:
         """Read the game's configuration from the first bag; ``arguments`` supply everything else."""
         self._bags, self._namespace = bags, namespace
-        self.unchecked: dict[str, str] = {}  # by bag: why damage to its messages cannot be ruled out
+        self.unchecked: dict[str, str] = {}  # reasons by bag why damage cannot be ruled out
         with open_bag(bags[0], namespace) as bag:
             self.arguments = _played_by(recorded_config(bag), arguments)
         self._runner = GameRunner(1, self.arguments)
         for kind in self._runner.config.observation.kinds:
             if kind not in KINDS:
-                raise ConfigError(f"observation kind {kind!r}: of a robot's rounds there are only {', '.join(KINDS)}")
+                raise ConfigError(f"observation kind {kind!r}: rounds of a robot provide only {', '.join(KINDS)}")
 
     def rounds(self) -> Iterator[RecordedRounds]:
         """Yield the rounds with at least one decision, bag after bag."""
@@ -84,7 +84,7 @@ def _played_by(played: Config, arguments: EnvArguments) -> EnvArguments:
 class _RoundRecorder:
     """Listener of a walk that collects its rounds and omits those without a decision."""
 
-    view: RobotView  # of the walk
+    view: RobotView  # the view that the walk updates
 
     def __init__(self, runner: GameRunner) -> None:
         self.rounds: list[RecordedRounds] = []

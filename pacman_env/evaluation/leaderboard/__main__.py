@@ -90,25 +90,25 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="pacman-env leaderboard",
         description="Let policies play the same rounds in the cells of a suite (ghosts, their speed, maps) and write"
-        " the league table as a page and as JSON. What has been played is kept, so that --resume goes on where a run"
-        " was interrupted and plays only what is new. The results are the same for any number of workers.",
+        " the league table as a page and as JSON. Played rounds are stored: --resume continues an interrupted run and"
+        " plays only missing rounds. The results are the same for any number of workers.",
     )
     add = parser.add_argument
     files = f"names ({', '.join(policy_names())}) or .onnx files; without: {' '.join(POLICIES)}"
-    add("--policies", nargs="+", default=list(POLICIES), metavar="POLICY", help=f"as they stand in the table; {files}")
-    add("--planner", default=_PLANNER, metavar="POLICY", help="is compared with the best other (%(default)s)")
-    apart = f"policies that do not count among the best others ({' '.join(_APART)})"
+    add("--policies", nargs="+", default=list(POLICIES), metavar="POLICY", help=f"policies, in this order: {files}")
+    add("--planner", default=_PLANNER, metavar="POLICY", help="policy compared with the best other (%(default)s)")
+    apart = f"policies that do not count as best other policy ({' '.join(_APART)})"
     add("--apart", nargs="*", default=list(_APART), metavar="POLICY", help=apart)
-    add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="the real maps: folders or YAML files (none)")
-    add("--suite", default=_SUITE, metavar="NAME", help="full, or quick for a minute (%(default)s)")
-    add("--suites", type=Path, metavar="FILE", help="YAML with suites (eval/suites/leaderboard.yaml)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="real maps: names, YAML files or folders (none)")
+    add("--suite", default=_SUITE, metavar="NAME", help="suite: full, or quick, which takes a minute (%(default)s)")
+    add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add_executor_arguments(parser)
-    add("--resume", action="store_true", help="use the parts that are kept, play the others")
-    add("--parts", type=Path, default=_FOLDER, metavar="FOLDER", help="where parts are kept (%(default)s)")
-    add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="the numbers (%(default)s)")
-    add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="page, with an .svg (%(default)s)")
-    add("--from", type=Path, dest="source", metavar="JSON", help="only write the page, from these numbers")
+    add("--resume", action="store_true", help="load the stored rounds and play only the missing ones")
+    add("--parts", type=Path, default=_FOLDER, metavar="FOLDER", help="folder of the stored rounds (%(default)s)")
+    add("--json", type=Path, default=Path(f"{_FOLDER}.json"), metavar="OUT", help="results (%(default)s)")
+    add("--out", type=Path, default=Path(f"{_FOLDER}.md"), metavar="OUT", help="page, with an .svg file (%(default)s)")
+    add("--from", type=Path, dest="source", metavar="JSON", help="play nothing; write the page from these results")
     return parser
 
 
@@ -167,7 +167,7 @@ def _plan(arguments: argparse.Namespace) -> LeaguePlan:
         hashes[spec] = describe_policy(make_policy(spec), spec).get("sha256")
     names = scenarios.result_names(list(hashes))
     if arguments.planner not in names:
-        raise ValueError(f"--planner {arguments.planner}: is none of --policies {' '.join(names)}")
+        raise ValueError(f"--planner {arguments.planner}: must be one of --policies {' '.join(names)}")
     for source in arguments.maps:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--maps {source}: test levels are in the suite")

@@ -46,7 +46,7 @@ class PolicyInCell(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cleared_rate: Share  # no pellet left, some lost
     pellets_share: Share  # mean share of a round's pellets that was collected
     worst_tenth: WorstTenth | None  # None: no place has enough rounds
-    win_time_mean_s: NotNegative | None  # of completed rounds; None: no round was completed
+    win_time_mean_s: NotNegative | None  # mean of completed rounds; None: no round was completed
     ghosts_caught_mean: NotNegative | None = None  # in a round; None: of an older version
 
 
@@ -65,7 +65,7 @@ class CellResult(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     group: Group
     ghosts: Ghosts
     speed_mps: NotNegative
-    rounds: AtLeastOne  # of each policy, on all maps of the group together
+    rounds: AtLeastOne  # rounds of each policy, on all maps of the group together
     policies: tuple[PolicyInCell, ...]
     against: Against | None  # None: there is no other policy
 
@@ -94,7 +94,7 @@ class MapEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
     """A map, or levels that count as one map, as returned by ``describe_scenario``."""
 
     name: str
-    hash: str  # for levels, the hash of the first
+    hash: str  # hash of the map, or of the first level
     source: str
     start_level: Count | None = None  # None: a map
     num_levels: AtLeastOne | None = None

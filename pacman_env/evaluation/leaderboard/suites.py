@@ -104,7 +104,7 @@ def _checked(name: str, values: Any, path: Path) -> Suite:
             entries = getattr(suite, field)
             for number, entry in enumerate(entries):
                 if entry in entries[:number]:
-                    raise ConfigError(f"{name}.{field}[{number}] = {entry!r}: is there twice")
+                    raise ConfigError(f"{name}.{field}[{number}] = {entry!r}: is repeated")
         for field in _OWN:
             if field in suite.settings:
                 raise ConfigError(f"{name}.settings.{field}: must not be set here")

@@ -51,35 +51,35 @@ def make_parser() -> Parser:
         prog="pacman-env report",
         description="Let policies play the same rounds and write one HTML page about them: completion per map and over"
         " Clyde's speeds, endless games, rounds that only one of two completes, variants of the settings, and decision"
-        " times (of the policy alone, for one situation). All numbers but these times are the same for any number of"
+        " times (of the policy alone, for one situation). All other results are the same for any number of"
         " workers.",
     )
     policies = ("ppo", "clyde_aware", "lookahead", "nearest", "random")
-    scenarios.add_policy_arguments(parser, policies, "as they stand on the page")
+    scenarios.add_policy_arguments(parser, policies, "policies in the order of the page")
     add = parser.add_argument
-    add("--baseline", default="clyde_aware", metavar="POLICY", help="the others are compared with it (%(default)s)")
+    add("--baseline", default="clyde_aware", metavar="POLICY", help="policy to compare the others with (%(default)s)")
     scenarios.add_scenario_arguments(parser, several=True)
     scenarios.add_rule_arguments(parser)
-    add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="of all but the curve, m/s (0.25)")
-    add("--speeds", nargs="+", type=finite_number(), metavar="V", help="of the curve, m/s (0.15 0.2 ... 0.6)")
+    add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="speed outside the curve, m/s (0.25)")
+    add("--speeds", nargs="+", type=finite_number(), metavar="V", help="speeds in the curve, m/s (0.15 0.2 ... 0.6)")
     add(
         "--variant",
         action="append",
         nargs="*",
         metavar="NAME=SETTINGS",
-        help="the same rounds with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; may be given again;"
-        " alone: none (the other preset; without refuges)",
+        help="play the rounds also with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; repeatable;"
+        " without a value: no variants (the other preset; no refuges)",
     )
     add("--episodes", type=whole_number(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
-    add("--endless", type=whole_number(0), metavar="N", help="endless games per map and policy (100)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="the rounds' seeds are drawn from it (0)")
+    add("--endless", type=whole_number(0), metavar="N", help="number of endless games per map and policy (100)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add_executor_arguments(parser)
-    add("--resume", action="store_true", help="use the rounds that are kept, play the others")
-    add("--parts", type=Path, metavar="FOLDER", help="where rounds are kept (OUT.parts beside the page)")
-    add("--replays", type=whole_number(0), default=1, metavar="K", help="films of rounds that one of two lost (1)")
-    add("--quick", action="store_true", help="few rounds: 24, 12 endless games, three speeds, unless given")
-    add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="the page (%(default)s)")
-    add("--json", type=Path, metavar="OUT", help="write the numbers")
+    add("--resume", action="store_true", help="load the stored rounds and play only the missing ones")
+    add("--parts", type=Path, metavar="FOLDER", help="folder of the stored rounds (OUT.parts next to the page)")
+    add("--replays", type=whole_number(0), default=1, metavar="K", help="films of rounds that only one completed (1)")
+    add("--quick", action="store_true", help="play less by default: 24 rounds, 12 endless games, three speeds")
+    add("--out", type=Path, default=Path("results/report.html"), metavar="OUT", help="page (%(default)s)")
+    add("--json", type=Path, metavar="OUT", help="write the results to this file")
     return parser
 
 
@@ -90,7 +90,7 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     if page.suffix != ".html":
         raise ValueError(f"--out {page}: must end in .html")
     if json_path == page:
-        raise ValueError(f"--json {page}: is the page's file too")
+        raise ValueError(f"--json {page}: must differ from --out")
     for path in filter(None, (page, json_path)):
         prepare(path)
     work = matchups(plan)

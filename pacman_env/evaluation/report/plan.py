@@ -76,7 +76,7 @@ def parse_variant(text: str, preset: str, execution: str, settings: Sequence[str
     if not name or not equals or "=" not in given:
         raise ConfigError(f"--variant {text!r}: must be NAME=SETTINGS, such as calm=clyde.speed_mps=0.1")
     if name in (ROUNDS, ENDLESS_GAMES):
-        raise ConfigError(f"--variant {name}: the report calls other rounds so")
+        raise ConfigError(f"--variant {name}: the report uses this name for other rounds")
     base, changes = {"preset": preset, "execution": execution}, []
     for setting in _NEXT_SETTING.split(given.strip()):
         field, _, value = setting.partition("=")
@@ -94,7 +94,7 @@ def check_single_rounds(config: Config) -> None:
     """Raise ConfigError for endless games, which the report adds itself, and for games that it cannot measure."""
     check_goals(config)
     if config.endless:
-        raise ConfigError("endless = True: is what --endless N plays, beside single rounds")
+        raise ConfigError("endless = True: must be False; --endless N plays endless games")
 
 
 def matchups(plan: ReportPlan) -> dict[RoundsKey, Matchup]:

@@ -153,7 +153,7 @@ class _Descriptions:
         }
 
     def _map(self, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-        # Of a map file the description is the same for all configurations; houses depend on them.
+        # A map file has one description for all configurations; houses depend on the configuration.
         key = (scenario, config) if isinstance(scenario, Levels) else scenario
         if key not in self._maps:
             about = describe_scenario("", scenario, config)

@@ -32,9 +32,9 @@ SETTINGS = np.dtype(
         ("pellets", np.int64),  # number of nearest pellets that are goals ...
         ("refuges", np.int64),  # ... and of refuges
         ("pellet_worth", np.float64),
-        ("second_worth", np.float64),  # of collecting a pellet a second earlier
+        ("second_worth", np.float64),  # value of collecting a pellet a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # of a full lead, in a node's safety ...
+        ("lead_worth", np.float64),  # value of a full lead, in a node's safety ...
         ("lead_share", np.float64),  # ... and the share of it in the value
         ("lead_m", np.float64),  # path length of a full lead
         ("metre_worth", np.float64),  # per metre to the nearest remaining pellet

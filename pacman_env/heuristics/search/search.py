@@ -34,16 +34,16 @@ class SearchParameters(NamedTuple):
     pellets: int = 5  # goals of a node: nearest pellets ...
     refuges: int = 6  # ... and refuges
     pellet_worth: float = 10.0
-    second_worth: float = 0.1  # of collecting a pellet a second earlier
+    second_worth: float = 0.1  # value of collecting a pellet a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 40.0  # of a full lead, in a node's safety ...
+    lead_worth: float = 40.0  # value of a full lead, in a node's safety ...
     lead_share: float = 0.125  # ... and the share of it in the value
     lead_m: float = 3.0  # path length of a full lead
     metre_worth: float = 0.5  # per metre to the nearest remaining pellet
     near_worth: float = 12.0  # if no ghost ever comes within near_m, straight
     near_m: float = 0.9
-    keep_worth: float = 3.0  # of keeping the current goal
-    seed: int = 0  # of the futures
+    keep_worth: float = 3.0  # value of keeping the current goal
+    seed: int = 0  # seed of the futures
 
     @property
     def layers(self) -> int:

@@ -17,7 +17,7 @@ from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, McapScan, on
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
-NO_CHECKSUM = "{} messages have no checksum: whether they are as recorded cannot be known"
+NO_CHECKSUM = "{} messages have no checksum, so damage cannot be excluded"
 _LISTED = 8  # most topics of a foreign bag in an error
 
 
@@ -89,7 +89,7 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
         reader.open()
     except Exception as error:  # rosbags, its storages and its YAML parser raise many kinds
         remedy = remedy_for(path)
-        problems = [f"no bag that can be read: {one_line(error)}"] if path.exists() or not remedy else []
+        problems = [f"not a readable bag: {one_line(error)}"] if path.exists() or not remedy else []
         raise BagError(f"{path}: {'; '.join([*problems, *([remedy] if remedy else [])])}") from None
     try:
         yield Bag(reader, path, namespace)

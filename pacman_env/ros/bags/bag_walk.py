@@ -25,7 +25,7 @@ _READ = (
 )
 PLAN_LASTS_S = 2.5  # Nav2 replans every second while it has a goal
 PLAN_LATE_S = 1.2  # longest delay of the first plan after a choice
-TICK_LATE = 0.1  # of a tick: longest delay of the goal selector's choice
+TICK_LATE = 0.1  # longest delay of the goal selector's choice, in ticks
 TF_S = 1.0  # maximum age of transforms, as in the goal selector
 END_OF_PLAN_M = 0.75  # Nav2 may end a plan next to its goal, half a metre off in x and in y
 
@@ -60,7 +60,7 @@ class Walk:
         self._has_scores = bag.has(topics.SCORES)  # otherwise the game is of another planner
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
-        self._believed = BelievedPose(TF_S)  # as in the goal selector
+        self._believed = BelievedPose(TF_S)  # same limits as in the goal selector
         self._game = GameMonitor()
         self._due_s = 0.0
         self._left: set[int] = set()
@@ -147,7 +147,7 @@ class Walk:
     def _situation(self, at_s: float, pursued: int, over: bool = False) -> Situation | None:
         """Return a policy's situation at a tick; None if too little is known."""
         belief, left = self._believed.at(at_s), self._left - self._gone
-        pose = self.motion.believed if belief is None else belief.pose  # for a bag without transforms
+        pose = self.motion.believed if belief is None else belief.pose  # ``believed`` for a bag without transforms
         velocity = self._velocity if belief is None else belief.velocity
         goal = None if pursued < 0 else self.view.goal(pursued)
         if goal is not None and goal.pellet is not None and goal.pellet not in left:

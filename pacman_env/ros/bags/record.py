@@ -30,7 +30,7 @@ RECORDED = (
     *(topics.SCORES, topics.DIAGNOSTICS, topics.AMCL_POSE, topics.INITIAL_POSE, topics.PLAN, topics.ODOMETRY),
     *(topics.TF, topics.TF_STATIC, topics.GHOSTS_CAUGHT, topics.HARMLESS_GHOSTS),
 )
-FLUSH_S = 2.0  # of wall time: a killed recorder loses at most this time
+FLUSH_S = 2.0  # wall time; a killed recorder loses at most this time
 _DEPTH = 1000  # messages that can wait while the disk is busy
 _FOR_EVER = QosTime(2147483647, 4294967295)  # rosbag2's "no limit"
 
@@ -84,14 +84,14 @@ def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool 
     """Record until SIGINT or SIGTERM, in the main thread; with ``sim_time`` by /clock instead of wall time."""
     full = full_namespace(namespace)
     if out.exists():
-        raise FileExistsError(f"{out}: exists already, a bag is not overwritten")
+        raise FileExistsError(f"{out}: already exists; a bag is not overwritten")
     join(domain, sim_time)
     folder = unfinished_folder(out)
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
         remedy = remedy_for(out) or "another recorder writes into it, or was killed"
-        raise FileExistsError(f"{folder}: exists already; delete it, or keep what it has: {remedy}") from None
+        raise FileExistsError(f"{folder}: already exists; delete it, or recover its content: {remedy}") from None
     recorders: list[Recorder] = []
 
     def make() -> Recorder:

@@ -16,7 +16,7 @@ from ..supervisor.game_nodes import LOCK_STEP, from_json
 from .deliveries import NodeFailed
 from .game import LockStepGame
 
-OUTSIDE_S = 0.01  # of real time, between receptions from outside
+OUTSIDE_S = 0.01  # real time between receptions from outside
 FAILED = 1  # exit status
 
 

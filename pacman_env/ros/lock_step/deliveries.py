@@ -24,7 +24,7 @@ from .surroundings import SimulatedWall
 from .watchdog import Watchdog
 
 MOST_DELIVERIES = 100_000  # most deliveries in one step
-_JOIN_S = 30.0  # of real time, for latched messages to reach a new node
+_JOIN_S = 30.0  # real time for latched messages to reach a new node
 _Span = tuple[int, int]  # start and end of a publication, ns of the machine's clock
 _ANY: _Span = (0, 2**63)
 _Ended = Callable[[Member], None]
@@ -51,7 +51,7 @@ class Deliveries:
         self.watchdog = Watchdog(silence_s)
         self.queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # member whose code runs
-        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: kept for later subscriptions
+        self._latched: dict[Any, deque[_Span]] = {}  # stored by publisher for later subscriptions
         self._with_statuses: set[ActionServer] = set()  # servers whose statuses rclpy publishes in C
         self._index = Index([])
 
@@ -75,7 +75,7 @@ class Deliveries:
         finally:
             self._turn = previous
 
-    # What members send
+    # Messages that members send
 
     def watch(self, entity: Any) -> None:
         """Make receivers take the entity's messages immediately after sending."""
@@ -178,7 +178,7 @@ class Deliveries:
                 break
             if time.monotonic() > end:
                 names = ", ".join(sub.topic_name for sub in missing)
-                raise NodeFailed(f"{member.name}: what is latched on {names} has not arrived within {_JOIN_S:g} s")
+                raise NodeFailed(f"{member.name}: latched messages of {names} have not arrived within {_JOIN_S:g} s")
             time.sleep(0.001)
         newest = {sub: sorted(times_ns[sub])[-sub.qos_profile.depth :] for sub in latched_of}
         for at_ns, other, sub, message in sorted(items, key=lambda one: one[0]):

@@ -14,8 +14,8 @@ from .deliveries import NodeFailed
 from .members import Member
 from .stepper import LockStep
 
-RESTART_S = 3.0  # of simulated time, for pause and restart of a node
-LOCALIZED_S = 60.0  # of simulated time, for the robot's first pose
+RESTART_S = 3.0  # simulated time for pause and restart of a node
+LOCALIZED_S = 60.0  # simulated time until the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
 
 

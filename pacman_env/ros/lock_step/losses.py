@@ -17,7 +17,7 @@ HEARTBEAT_S = 3.0  # Fast DDS's heartbeatPeriod, before a lost message is sent a
 
 @dataclass
 class _Loss:
-    name: str | None  # of the affected node; None for all
+    name: str | None  # name of the affected node; None for all
     share: float
     since_s: float
 
@@ -60,7 +60,7 @@ class MessageLosses:
         return True
 
     def _lost(self, delivery: Delivery) -> bool:
-        if delivery.sender is delivery.member:  # nothing is lost within one process
+        if delivery.sender is delivery.member:  # messages within one process are never lost
             return False
         return any(loss.concerns(delivery) and self._random.random() < loss.share for loss in self._losses)
 

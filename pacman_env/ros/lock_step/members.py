@@ -51,7 +51,7 @@ class NodeExecutor(Executor):
 class Delivery:
     member: Member
     entity: Any  # subscription, service, client or action's end
-    name: str  # of topic or service
+    name: str  # name of topic or service
     content: Any
     handle: Callable[[], object]  # the node's handling of the content
     sender: Member | None  # None if it came from outside

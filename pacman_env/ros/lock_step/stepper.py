@@ -21,7 +21,7 @@ from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
 STEP_NS = 50_000_000  # step of the physics: Nav2's controller rate
-SILENCE_S = 60.0  # of real time, the longest duration of a callback
+SILENCE_S = 60.0  # real time, the longest duration of a callback
 
 
 class LockStep:
@@ -44,7 +44,7 @@ class LockStep:
         self.losses = MessageLosses(seed)
         self.members: list[Member] = []
         self.messages = Deliveries(self.members, self.wall, self.losses, silence_s, self._end)
-        self.step_ns = STEP_NS  # of the simulated robot, if there is one
+        self.step_ns = STEP_NS  # step of the simulated robot, if there is one
         self._alone = alone
         self._started = 0
         self._closed = False
@@ -56,7 +56,7 @@ class LockStep:
         """
         self._started += 1
         surroundings = LockStepSurroundings(self, self._started, arguments, self._alone)
-        with within(surroundings), self.messages.making(f"the making of node {self._started}"):
+        with within(surroundings), self.messages.making(f"the creation of node {self._started}"):
             node = make()
             for service in node.services:  # rclpy creates the lifecycle services unwatched
                 self.messages.watch(service)

@@ -28,9 +28,9 @@ from ..node import GameNode, parameter, run
 from .ghost_trail import CostmapClearing, GhostTrail
 
 NAME = "clyde_ghost_node"
-_DIAMETER_M = 0.35  # of the marker; original
+_DIAMETER_M = 0.35  # diameter of the marker; original
 _OBSTACLE_Z_M = 0.25  # where the costmap expects a ghost; original
-_LISTEN_S = 2.0  # of wall time: a new node waits at most this time for the robot's pose
+_LISTEN_S = 2.0  # wall time; a new node waits at most this time for the robot's pose
 _CATCH_UP_S = 1.0  # most time that is caught up after a late timer
 
 

@@ -23,9 +23,9 @@ from .state_file import StateFile
 
 NAME = "game_controller"
 _TICK_S = 0.05
-_PELLETS_S = 6.0  # of wall time: a longer wait for a round's first pellet is reported
+_PELLETS_S = 6.0  # wall time; a longer wait for a round's first pellet is reported
 _EARLY = 10_000  # most stored pellets
-_SAVE_S = 1.0  # of wall time: largest age of the saved game
+_SAVE_S = 1.0  # wall time, largest age of the saved game
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
     "event": topics.GAME_EVENT,
@@ -113,7 +113,7 @@ class GameController(GameNode):
         """Call each service until it answers; a frozen node gets the call later or never."""
         for kind in _CALLED:
             if kind in self._requests and self.game.state == "running" and self.game.collected:
-                self.once.warning(kind, f"{self._requests.unanswered(kind)}; the round goes on without it")
+                self.once.warning(kind, f"{self._requests.unanswered(kind)}; the round continues without it")
                 self._requests.answered(kind)
         for kind in self._requests.due(
             self.surroundings.monotonic(), lambda kind: self._resets[kind].service_is_ready()
@@ -153,10 +153,10 @@ class GameController(GameNode):
 
     def _start(self) -> list[Action]:
         if self._saved is not None:
-            return [Action("ignored", "start: a game is about to be gone on with")]
+            return [Action("ignored", "start: a saved game is about to be resumed")]
         if self.game.state == "menu" and not self.count_publishers(topics.GAME_STATUS.name):
             # Otherwise the robot would move as soon as a selector appears, at a time that no person has chosen.
-            return [Action("ignored", "start: no goal selector is there; it starts when the robot has a pose")]
+            return [Action("ignored", "start: no goal selector yet; it starts when the robot has a pose")]
         return self.game.start(self.now_s())
 
     def _reset(self) -> list[Action]:
@@ -178,7 +178,7 @@ class GameController(GameNode):
             self._do(self.game.restore(saved, self.now_s()))
             for word in self._early:
                 self._do(self.game.status(word, self.now_s()))
-            self.get_logger().info(f"goes on in state {self.game.state!r}, score {self.game.score}")
+            self.get_logger().info(f"resumes in state {self.game.state!r}, score {self.game.score}")
         self._do(self.game.tick(self.now_s()))
         self._report()
 
@@ -189,7 +189,7 @@ class GameController(GameNode):
                 self._early[word] = None  # the end of the round may be reported right after the pellet
             return
         if word == "game_complete" and "reset_pellets" in self._requests:
-            self.once.warning("no pellets yet", "game_complete: the pellets of this round have not been put back yet")
+            self.once.warning("no pellets yet", "game_complete: the pellets of this round are not restored yet")
             return
         self._do(self.game.status(word, self.now_s()))
 
@@ -197,7 +197,7 @@ class GameController(GameNode):
         if self._saved is not None:
             return  # the saved game is not resumed yet; the next report comes within a second
         if "reset_pellets" in self._requests and "reset_pellets" in self._met:
-            return  # of the previous round: the pellets of this round have not been restored yet
+            return  # pellets of the previous round; the pellets of this round are not restored yet
         self._do(self.game.pellets_left(pellets_of(message), self.now_s(), power_pellets_of(message)))
 
     def _on_speed(self, message: Any) -> None:

@@ -1,7 +1,7 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
 While nothing is shown, the base controls the ring, so that its own warnings are visible. A ring that an earlier process
-left lit is given back to the base, too.
+left lit is also given back to the base.
 """
 
 import sys
@@ -21,7 +21,7 @@ from ..node import GameNode, run
 
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
-_REPEAT_S = 1.0  # for a base that started later
+_REPEAT_S = 1.0  # repeated for a base that started later
 _GREETINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 

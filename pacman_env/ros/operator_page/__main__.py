@@ -9,10 +9,10 @@ BAD_START = 2  # exit status
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__)
-    parser.add_argument("--namespace", default="robot_15", help="of the robot (%(default)s)")
-    parser.add_argument("--port", type=int, default=8000, help="0: any that is free (%(default)s)")
-    parser.add_argument("--map", metavar="FILE_OR_NAME", help="of the game, for the readiness list")
-    parser.add_argument("--sim", action="store_true", help="of a simulated robot, on this machine only")
+    parser.add_argument("--namespace", default="robot_15", help="namespace of the robot (%(default)s)")
+    parser.add_argument("--port", type=int, default=8000, help="port; 0: any free port (%(default)s)")
+    parser.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, for the readiness list")
+    parser.add_argument("--sim", action="store_true", help="connect to a simulated robot on this machine")
     arguments = parser.parse_args(argv)
     try:
         from pacman_env.ros.operator_page.ros_game import open_game

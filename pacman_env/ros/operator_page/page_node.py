@@ -48,7 +48,7 @@ NAME = "pacman_page"  # the doctor ignores nodes with this prefix
 @dataclass(frozen=True)
 class MapPicture:
     png: bytes
-    facts: dict[str, Any]  # of the scene: ``resolution``, ``width``, ``height`` and ``origin``
+    facts: dict[str, Any]  # facts of the scene: ``resolution``, ``width``, ``height`` and ``origin``
 
 
 def picture_of(message: Any) -> MapPicture:

@@ -110,7 +110,7 @@ class RosDriving:
         self._node, self._news = node, news
         self._surroundings = node.surroundings
         self.roles = Roles()
-        self._armed: str | None = None  # by this person
+        self._armed: str | None = None  # the person who switched Armed on
         self._shows_until_s = 0.0  # end of a motion that an operator requested
         self._cancelled_s = 0.0
         self._velocity = topics.CMD_VEL.publisher(node)
@@ -156,7 +156,7 @@ class RosDriving:
         if obey:
             words = f"obeyed by {', '.join(obey)}{'; the robot is stopped now' if self._stop.stopped else ''}"
             return {"name": "STOP", "state": "ok", "words": words, "remedy": ""}
-        remedy = "start the game by pacman-env ros up; until then STOP ends Nav2's goals and holds the wheels by itself"
+        remedy = "start the game with pacman-env ros up; until then STOP cancels the goals of Nav2 and holds the wheels"
         return {"name": "STOP", "state": "bad", "words": "no node of the game obeys STOP", "remedy": remedy}
 
     def _on_stop(self, stopped: bool, by: str) -> None:

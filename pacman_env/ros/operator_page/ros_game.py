@@ -47,10 +47,10 @@ _PLACED_M = 0.5
 _CHECKS_S = 6.0  # observation time for the readiness list
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 _REFUSALS: dict[type[Message], str] = {
-    messages.Pause: "a robot's time cannot be held: STOP holds the robot, and Reset ends the round",
-    messages.Speed: "a robot is as fast as it is; a simulated one is given its speed at the start: --speed",
-    messages.Goal: "on a robot the policy chooses where to go; by hand it is driven with the arrow keys",
-    messages.Why: "rounds of a robot are not kept here: record them, and ask by pacman-env ros replay",
+    messages.Pause: "a robot cannot be paused: STOP holds the robot, and Reset ends the round",
+    messages.Speed: "the speed of a robot is fixed; --speed sets the speed of a simulated robot at its start",
+    messages.Goal: "on a robot the policy chooses the goals; drive by hand with the arrow keys",
+    messages.Why: "rounds of a robot are not stored here: use pacman-env ros record and ros replay",
 }
 
 
@@ -186,7 +186,7 @@ class RosGame:
                 words = f"internal error: {type(error).__name__}: {error}"[:300]
                 if words != self._error:
                     self._error = words
-                    _LOG.exception("the operator's page goes on after an error")
+                    _LOG.exception("the operator's page continues after an error")
                     self._news.add(words=words)
 
     def _update(self) -> None:

@@ -29,8 +29,8 @@ class Belief:
 class Chain(NamedTuple):
     """Transform from the map to the base in two parts, and the arrival of the older part, s."""
 
-    correction: Pose  # of odom in the map
-    travelled: Pose  # of the base in odom
+    correction: Pose  # pose of odom in the map
+    travelled: Pose  # pose of the base in odom
     received_s: float
     travelled_s: float  # stamp of the newest odometry: delayed messages arrive all at once
 
@@ -61,7 +61,7 @@ class BelievedPose:
         self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, at the start of the motion
         self._velocity = (0.0, 0.0)
         self._stamp_s = 0.0  # of the newest odometry
-        self.restarts = 0  # of the odometry, detected from stamps that jump back
+        self.restarts = 0  # restarts of the odometry, detected from stamps that jump back
         self._first_s = math.inf  # arrival of the first transform that is not static
 
     def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:

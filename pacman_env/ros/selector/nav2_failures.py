@@ -42,7 +42,7 @@ def error_words(code: int) -> str:
 class Nav2Failures:
     """Count of goals in a row that were aborted or rejected.
 
-    While all goals fail at once, because of a lost transform or an inactive planner, the next goal is delayed: by 1 s
+    If all goals fail immediately, because of a lost transform or an inactive planner, the next goal is delayed: by 1 s
     after the third failure, twice as long after each further one, at most 5 s.
     """
 

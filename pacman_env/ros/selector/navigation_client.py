@@ -16,8 +16,8 @@ from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.surroundings import current
 
 _CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_REQUEST_AGAIN_S = 5.0  # of wall time
-_CLEAR_S = 1.0  # of wall time, allowed for cancelling all goals
+_REQUEST_AGAIN_S = 5.0  # wall time
+_CLEAR_S = 1.0  # wall time allowed for cancelling all goals
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
@@ -61,7 +61,7 @@ class NavigationClient:
         self.forbidden = False  # if True, goals of all nodes are cancelled
         self._rest: Future | None = None  # result of ``rest``
         self._destroyed = False
-        self.last_status, self.last_error = 0, 0  # of the last goal that ended
+        self.last_status, self.last_error = 0, 0  # result of the last goal that ended
 
     @property
     def ready(self) -> bool:
@@ -70,7 +70,7 @@ class NavigationClient:
     def clear(self) -> bool:
         """Cancel all earlier goals and return True once they are cancelled; call this until it returns True.
 
-        The goal of a killed node is still active, and Nav2 drives to it. A goal sent too early would be cancelled too.
+        The goal of a killed node is still active, and Nav2 drives to it. A goal sent too early would also be cancelled.
         """
         if self._clearing is None and self.ready:
             request = self._canceller.srv_type.Request()  # all zero: every goal

@@ -31,7 +31,7 @@ class PoseWatch:
     def __init__(self, believed: BelievedPose, limits: PoseLimits) -> None:
         self._believed, self._limits = believed, limits
         self._seen: deque[tuple[float, Chain]] = deque()  # times (s) and transforms, from just before the window
-        self._restarts = 0  # of the odometry
+        self._restarts = 0  # restarts of the odometry
         self._given: tuple[Pose, Pose | None] | None = None  # pose set by a person, and odometry's pose at that time
         self.jump = ""  # text of the jump to answer; empty: none
         self.other_map = ""  # how localization's map differs

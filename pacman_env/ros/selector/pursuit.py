@@ -28,8 +28,8 @@ from pacman_env.ros.selector.selection import Selection
 from pacman_env.sim.observation.situation import Situation
 
 _STOPPED = "stopped by the operator"
-_REPEAT_S = 2.0  # of wall time: a referee restarts no faster when the game's clock runs faster
-_NAV2_CHECK_S = 0.5  # of wall time, shorter than any restart of a simulated robot
+_REPEAT_S = 2.0  # wall time; a referee restarts no faster when the game's clock runs faster
+_NAV2_CHECK_S = 0.5  # wall time, shorter than any restart of a simulated robot
 _PUBLISHED = (
     *(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL),
     *(topics.SCORES, topics.WHY, topics.CANDIDATES, topics.DIAGNOSTICS),
@@ -54,7 +54,7 @@ class Pursuit:
         power = node.config.power.pellets > 0
         published = (*_PUBLISHED, topics.HARMLESS_GHOSTS) if power and not passive else _PUBLISHED
         self._out = {topic.name: topic.publisher(node) for topic in published}
-        self._ghost_times: list[float] = []  # as published
+        self._ghost_times: list[float] = []  # times as published
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
         self._operator = None if passive else OperatorStop(node, self._on_stop)
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
@@ -144,7 +144,7 @@ class Pursuit:
         self.selection.accept_pose()
         self._watch()
         response.success = bool(jump)
-        refusal = "there is nothing to continue from: the pose has not jumped"
+        refusal = "the pose has not jumped: there is nothing to confirm"
         response.message = f"continues although the {jump}" if jump else refusal
         return response
 
@@ -248,7 +248,7 @@ class Pursuit:
         }
         self._publish_json(topics.DIAGNOSTICS, condition)
 
-    # What is done
+    # Actions
 
     def _publish_json(self, topic: topics.Topic, values: dict[str, Any]) -> None:
         self._out[topic.name].publish(String(data=goal_scores.as_json(values)))

@@ -14,7 +14,7 @@ POLICY_FAILS = "policy fails"
 #: Troubles that need a person, and what the person can do.
 REMEDIES: Mapping[str, str] = {
     NO_ODOMETRY: "create3_republisher may have stopped; on the robot: sudo systemctl restart turtlebot4",
-    POSE_LOST: "localization must publish map to odom again: see lidar, pose and tf to base; the game goes on then",
+    POSE_LOST: "localization must publish map to odom again: see lidar, pose and tf to base; then the game continues",
     POSE_JUMPED: "look where the robot is: set its pose (page, RViz), or continue as it is (page, key c)",
     OTHER_MAP: "start localization or the game again, with the other's map",
     NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",

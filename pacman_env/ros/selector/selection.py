@@ -62,7 +62,7 @@ class Troubles(Protocol):
 class Selection:
     """Warmed-up policy on a prepared map; message handlers return the actions to perform and raise BadMessage.
 
-    Without ``home``, home is where the robot leaves the menu for the first time, or after its pose was set in the menu:
+    Without ``home``, home is where the robot leaves the menu for the first time, or after its pose was set in the menu.
     AMCL has corrected a clicked pose by then. After a start in the middle of a game, it is the map's home. Raises
     MapError, and the exceptions of ``make_policy`` and ``rehearsed``.
     """
@@ -85,7 +85,7 @@ class Selection:
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
         self.spec, self.policy = policy, rehearsed(instance, self.view, config)
-        self.decision: tuple[Situation, int] | None = None  # of the last call, if the policy was asked
+        self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
         self._believed = BelievedPose(limits.timeout_s)
         self._watch = PoseWatch(self._believed, limits)
         self._nav2 = Nav2Failures()
@@ -223,7 +223,7 @@ class Selection:
             return
         missing = self.view.unseen
         if missing:
-            self._warn(f"no {missing[0]}", f"nothing is chosen as long as {missing[0]}_pose has not been received")
+            self._warn(f"no {missing[0]}", f"no goal is chosen until {missing[0]}_pose is received")
             return
         times = self.executor.round.ghosts[: len(self.view.ghosts), HARMLESS_UNTIL:]
         seen = Seen(

@@ -112,7 +112,7 @@ class NavigateServer(Server):
     async def check(self, request: Any) -> None:
         pose_of(request.pose)
         if "reject" in self.faults:
-            raise BadMessage("as asked for by a fault")
+            raise BadMessage("as requested by a fault")
         wait_s = self.faults.number("late_acceptance")
         if wait_s is not None:
             acceptance: Future = Future()

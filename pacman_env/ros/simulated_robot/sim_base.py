@@ -1,4 +1,4 @@
-"""Parts of a Create 3 besides wheels and lidar: battery, dock with two actions, bumper, backup limit."""
+"""Parts of a Create 3 without wheels and lidar: battery, dock with two actions, bumper, backup limit."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ _BACK_MPS = -0.01  # a faster command backwards triggers the base's backup limit
 
 
 class MotionServer(Server):
-    """Server of ``dock`` or ``undock``: it drives by itself and ignores ``cmd_vel``."""
+    """Server of ``dock`` or ``undock``: it drives the base, which ignores ``cmd_vel``."""
 
     def __init__(self, node: GameNode, action: topics.RosAction, base: "Base") -> None:
         self.base, self._docks = base, action is topics.DOCK

@@ -36,16 +36,16 @@ FAULT = topics.Topic("sim/fault", "std_msgs/String", topics.EVENTS)  # see sim_f
 FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JSON: list of faults
 
 FASTEST = 10.0
-CATCH_UP_S = 0.5  # of wall time; a longer delay is skipped
+CATCH_UP_S = 0.5  # wall time; a longer delay is skipped
 AT_ONCE = 10  # most steps before messages are received again
 #: Topics whose publisher in the robot's namespace is a robot's base; topic whose publisher is another simulation.
 BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
-OTHERS_S = 1.0  # of wall time, between searches for other robots
+OTHERS_S = 1.0  # wall time between searches for other robots
 ONE_CLOCK = "give one of them another domain"
 RATES_HZ = (20, 40, 50, 100)  # of odometry; whole milliseconds, and whole steps in all periods of the configuration
 BASE_HZ = 50  # without navigation: several messages per period of Nav2's controller
 AT_HOME = "home"
-START_NS = 1_000_000_000  # of simulated time, because a stamp of zero means "no time"
+START_NS = 1_000_000_000  # first simulated time, because a stamp of zero means "no time"
 
 
 def _pose(text: str, name: str) -> Pose | None:

@@ -77,7 +77,7 @@ class Sensors:
         return [lidar, transform_message("base_link", FOOTPRINT_FRAME, (0.0, 0.0, 0.0), stamp)]
 
     def publish(self, stamp_of: Callable[[int], Any], with_scan: bool, base_silent: bool) -> None:
-        """Publish what is due after a step, and ``with_scan`` after a turn of the lidar.
+        """Publish the messages that are due after a step; ``with_scan``: also the scan of a turn of the lidar.
 
         ``stamp_of`` returns the time of the step plus an offset in ns.
         """

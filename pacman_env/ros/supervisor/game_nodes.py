@@ -33,7 +33,7 @@ RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final
 @dataclass(frozen=True)
 class GameProcess:
     name: str
-    folder: str = "nodes"  # of its module, in pacman_env/ros
+    folder: str = "nodes"  # folder of its module, in pacman_env/ros
     parameters: tuple[str, ...] = ()  # from the setup, in addition to the configuration of every node
     configured: bool = True
     end: str = RESTARTED
@@ -78,7 +78,7 @@ class GameSetup:
     policy: str = "ppo"
     namespace: str = NAMESPACE
     sim: bool = False
-    speed: float = 1.0  # of the simulated robot's clock
+    speed: float = 1.0  # speed of the simulated robot's clock
     preset: str = "robot"
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
@@ -94,15 +94,15 @@ class GameSetup:
         if not 1.0 <= self.speed <= 10.0:
             raise ValueError(f"speed {self.speed:g}: must be 1 to 10")
         if self.speed != 1.0 and not self.sim:
-            raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than time")
+            raise ValueError(f"speed {self.speed:g}: only a simulated robot (--sim) can be faster than real time")
         if self.nav2 and not self.sim:
             raise ValueError(
                 "nav2: only with a simulated robot (--sim); a real one has its own (docs/robot/first_game.md, step 5)"
             )
         if self.starts_nav2 and self.speed != 1.0:
-            raise ValueError(f"speed {self.speed:g}: only 1 with nav2, whose loops run by the wall's clock")
+            raise ValueError(f"speed {self.speed:g}: must be 1 with nav2, whose loops run in real time")
         if self.nav2 and self.lock_step:
-            raise ValueError("nav2: not in lock-step, for which a real Nav2 does not wait")
+            raise ValueError("nav2: must not be combined with lock-step, for which a real Nav2 does not wait")
         if self.lock_step and not self.sim:
             raise ValueError("lock-step: only with a simulated robot (--sim)")
         if self.lock_step and self.speed != 1.0:

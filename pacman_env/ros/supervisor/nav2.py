@@ -21,7 +21,7 @@ _INDEX = Path("share/ament_index/resource_index/packages")
 
 
 def check(setup: GameSetup) -> None:
-    """Raise a ValueError that lists what is missing if Nav2 cannot be started here."""
+    """Raise a ValueError that lists the missing parts if Nav2 cannot be started here."""
     if not setup.nav2:
         return
     words = _words(setup, Path("params.yaml"))

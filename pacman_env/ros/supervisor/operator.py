@@ -13,9 +13,9 @@ from pacman_env.ros.supervisor import status
 from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
-DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses besides 2 for bad arguments
-SETTLE_S = 0.5  # for latched messages to arrive after the first message
-OBEY_S = 2.0  # for all nodes that have ever published a request to obey
+DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses; 2 means bad arguments
+SETTLE_S = 0.5  # time for latched messages to arrive after the first message
+OBEY_S = 2.0  # time for all nodes that have ever published a request to obey
 
 
 def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:

@@ -1,6 +1,6 @@
 """Processes that prepare a game before its first node starts; imports no compiler.
 
-They check the setup as far as possible, compile what this machine has not compiled yet, and prepare the map
+They check the setup as far as possible, compile code that is not in the cache yet, and prepare the map
 (``warm_up.py``).
 """
 

@@ -22,7 +22,7 @@ SOON_S = 60.0  # ... within this time: a restart does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
 AT_REST_S = 20.0  # a younger process may still be starting
 _END_POLL_S = 0.01
-RESTARTS = 3  # of a process that does not respond ...
+RESTARTS = 3  # restarts of a process that does not respond ...
 RESTARTS_S = 600.0  # ... within this time: one more does not help
 _LOG_END = 2000  # bytes of a log in which the reason of a death is searched
 #: A log line below a warning, which is no reason.
@@ -78,7 +78,7 @@ class ProcessGroup:
 
     def last_words(self, name: str) -> str:
         """Return the likely reason of an end, from the last log line since the start, or the log's path."""
-        return self._reason(name) or f"no word in {self._log(name)}"
+        return self._reason(name) or f"no output in {self._log(name)}"
 
     def _reason(self, name: str, what: re.Pattern[str] | None = None) -> str:
         """Return the last log line since the start if it matches ``what``; by default unless it is DEBUG or INFO."""
@@ -145,7 +145,7 @@ class ProcessGroup:
             raise Lost(f"{name} {words}")
         if hopeless:
             member.due_s = None
-            self.report(f"{name} {words}; it is given up, the rest goes on")
+            self.report(f"{name} {words}; it is given up, the other nodes continue")
         else:
             many = len(member.deaths) > 1
             pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if many else 0.0

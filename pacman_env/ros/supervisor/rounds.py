@@ -12,7 +12,7 @@ NEXT_ROUND_S = 2.0  # in the menu, between automatic rounds
 
 
 class RoundRequests:
-    """Rounds of a game: with ``starts`` the next one begins by itself, with ``play_on`` all do, at most ``most``."""
+    """Rounds of a game: ``starts`` begins the next one automatically, ``play_on`` all, at most ``most``."""
 
     def __init__(
         self,

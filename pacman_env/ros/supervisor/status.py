@@ -1,4 +1,4 @@
-"""``pacman-env ros status``: the state of a game, and what is absent or not received yet."""
+"""``pacman-env ros status``: the state of a game, and which parts are absent or not received yet."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECT
 from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
-#: Exit statuses besides 3 (no game): everything is received; something is absent or pending.
+#: Exit statuses in addition to 3 (no game): everything is received; something is absent or pending.
 ALL_THERE, INCOMPLETE = 0, 1
 QUIET_S = 3.0  # after this time without any discovery or message, missing things are not awaited
 #: Topic of each fact.

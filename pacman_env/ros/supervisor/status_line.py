@@ -151,7 +151,7 @@ class StatusLine(ObserverNode):
         return client.call_async(service.type.Request())
 
     def prepare_halt(self) -> None:
-        """Create what ``halt`` needs early, so that it is discovered by then."""
+        """Create publisher and client of ``halt`` early, so that they are discovered before it is called."""
         if self._cmd_vel is None:
             self._cmd_vel = topics.CMD_VEL.publisher(self)
             self._cancel = topics.NAVIGATE_TO_POSE.cancel_client(self)

@@ -29,16 +29,16 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.world.maps.occupancy import load_map
 
-# Exit statuses besides 0 (stopped on request) and 2 (bad arguments or no ROS): the robot is not localized; a node
-# could not be kept alive; a node did not stop and was killed.
+# Exit statuses; 0: stopped on request, 2: bad arguments or no ROS. The robot is not localized; a node could not be kept
+# alive; a node did not stop and was killed.
 NO_POSE, NODE_LOST, HAD_TO_KILL = 3, 4, 5
 POLL_S = 0.1
 PREPARED_POLL_S = 0.02
 DISCOVERY_S = 1.0  # time to discover other games before the start
 GOING_S = 8.0  # longest wait for another game that is being stopped
 FAST_DDS = "rmw_fastrtps_cpp"
-CLEAN = "fastdds shm clean removes what they left in shared memory"
-_WEB = ("starlette", "uvicorn", "websockets")  # what the page's server needs
+CLEAN = "fastdds shm clean removes their shared memory"
+_WEB = ("starlette", "uvicorn", "websockets")  # modules that the page's server needs
 _BACKLOG = 20  # messages
 
 
@@ -46,10 +46,10 @@ _BACKLOG = 20  # messages
 class UpOptions:
     """How ``ros up`` plays a game, in addition to the game's setup."""
 
-    domain: int | None = None  # of ROS; None: from the environment
+    domain: int | None = None  # ROS domain; None: from the environment
     logs: Path | None = None  # folder for the nodes' output; None: in the user's log folder
-    start: bool = False  # the first round starts by itself
-    play_on: bool = False  # every round starts by itself
+    start: bool = False  # start the first round automatically
+    play_on: bool = False  # start every round automatically
     rounds: int | None = None  # number of automatic rounds, then the game ends
 
     @property
@@ -101,7 +101,7 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
 def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: StopSignals) -> None:
     """Wait until no other game runs in the namespace; raise ValueError if one still runs after ``GOING_S``.
 
-    If two games discover each other only later, the one that started later ends itself.
+    If two games discover each other only later, the later one ends itself.
     """
     status_line.spin_until(lambda: stop.asked or status_line.others(), DISCOVERY_S)
     deadline = time.monotonic() + GOING_S
@@ -207,7 +207,7 @@ class GameProcesses:
         return killed
 
     def awaited(self) -> str:
-        """Describe what is missing before a round can start; empty if nothing is missing."""
+        """Return the reason why a round cannot start yet; "" if it can."""
         status_line, processes = self.status_line, self.processes
         missing = [name for name in self.setup.first_nodes if name != WAIT and name not in status_line.game.nodes]
         if missing:

@@ -20,8 +20,8 @@ from ..maps.assets import MapAssets
 from ..maps.level import COARSE_MAP, Level
 
 BLOCK_M = 0.2
-MOST_BLOCKS = 3000  # of the ghosts; tables of all pairs take 3 bytes a pair
-NO_BLOCK = -1  # in ``robot_next``: no other block before the goal
+MOST_BLOCKS = 3000  # blocks of the ghosts; tables of all pairs take 3 bytes a pair
+NO_BLOCK = -1  # value in ``robot_next``: no further block before the goal
 _BESIDE_M = 0.7  # a ghost at this straight distance may reach the robot on another path than the nearest block's
 _PULL_CM = 5  # the next block's path to the goal is shorter by at least this
 _MM = 1000.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...config import Config
 from ...engine.arrays import Array, Table, address, arrays_by_address, reals_at
-from ...engine.arrays import zeros as zero_arrays  # the key of a kernel would mistake ``zeros`` for that of NumPy
+from ...engine.arrays import zeros as zero_arrays  # the key of a kernel would mistake ``zeros`` for NumPy's ``zeros``
 from ...engine.jit import kernel
 from ...engine.native import address_of_kernel, call_range
 from ...game.ghosts import WANDER, Behaviour, view_of
@@ -31,7 +31,7 @@ MOST_PELLETS = 64  # one bit each in a state
 RULES = np.dtype(
     [
         ("speed", np.float64),  # m/s along a path
-        *START_FIELDS,  # of a robot that turns to its path
+        *START_FIELDS,  # start of a robot that turns to its path
         ("start_s", np.float64),  # delay from a choice to driving, if at rest
         ("switch_s", np.float64),  # delay from a choice to a change of direction, if driving
         ("step_s", np.float64),  # one step: ghosts decide, pick-up and death are tested
@@ -81,7 +81,7 @@ GHOST = np.dtype(
 class Lags(NamedTuple):
     """Constants of the robot's motion and the length of a step; ``python -m benchmarks.coarse_model`` checks them."""
 
-    speed_share: float = 0.995  # of the commanded speed, along a path
+    speed_share: float = 0.995  # share of the commanded speed, along a path
     start_s: float = 0.3
     switch_s: float = 0.6  # in periods of Nav2's planner
     step_s: float = 1.0  # reaching a goal ends the step, which models the wait for the next choice

@@ -19,7 +19,7 @@ class CoarseStart(NamedTuple):
     """A coarse game that starts from a situation."""
 
     robot: NDArray[Any]  # (1,) with at least the fields of ROBOT
-    ghosts: NDArray[Any]  # of GHOST: the harmful ones
+    ghosts: NDArray[Any]  # records GHOST of the harmful ghosts
     goals: NDArray[np.int64]  # (C,) goal of each candidate; NOWHERE: hold or padding
     model: Model
     pellets: int  # goals below this number are pellets

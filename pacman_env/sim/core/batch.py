@@ -1,4 +1,4 @@
-"""Simulate N independent games at once; game i is bit-identical to the same game alone with the same seed."""
+"""Simulate N independent games; game i is bit-identical to the same game alone with the same seed."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class GameBatch(GameState):
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
         #: A view (1,) of each field: writing through it takes a fifth of the time.
         self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
-        self._tables: list[Table] = []  # for each thread
+        self._tables: list[Table] = []  # a table for each thread
         self._ghost_tables: list[Table] = []
         self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
         #: Called after each physics step, if not None.
@@ -84,7 +84,7 @@ class GameBatch(GameState):
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view: Stage | None = None  # writes the situations that are asked for
+        self._view: Stage | None = None  # writes the requested situations
 
     @property
     def assets(self) -> MapAssets:

@@ -1,6 +1,6 @@
 """Update beliefs about ghosts (``game/behaviour_belief.py``) from the positions of ghosts and robot after each tick.
 
-Only path lengths to the map's goals are known, not those between two arbitrary places a and b. Their greatest
+Only path lengths to the map's goals are known, not those between two arbitrary places a and b. The largest
 difference |L(a, goal) - L(b, goal)| is a lower bound of the length (landmarks: Goldberg and Harrelson, 2005), which is
 exact if a goal lies beyond a or b.
 """
@@ -28,8 +28,8 @@ forget_ghost = kernel(forget)
 def apart_cm(a, b):  # type: ignore[no-untyped-def]
     """Return a lower bound of the path length between two places in cm, from their path lengths to all goals.
 
-    Paths avoid walls and are not always the shortest, so that the true length can be shorter (`robot`: in 2 to 15 % of
-    pairs of a place and a goal, by 1.3 m at most on three of five maps, 4.2 m on one).
+    Paths avoid walls and are not always the shortest, so the true length can be shorter. With the preset `robot` this
+    happens in 2 to 15 % of the pairs of a place and a goal, by at most 1.3 m on three of five maps and 4.2 m on one.
     """
     most = np.int32(0)
     for g in range(len(a)):
@@ -42,8 +42,8 @@ def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
     """Return which share of its possible destinations a ghost approached, and the destinations that remain possible.
 
     ``places`` are the possible destinations, as bits. ``before`` and ``now`` are path lengths of the ghost to all goals
-    in cm, of which at most 64 are used. If the ghost approached none of ``places``, the share is 0, and the goals that
-    it did approach become its possible destinations (all goals if it approached none).
+    in cm, of which at most 64 are used. If the ghost approached none of ``places``, the share is 0. The goals that it
+    did approach then become its possible destinations (all goals if it approached none).
     """
     count, going, left, ahead = min(len(before), _PLACES), 0, np.int64(0), np.int64(0)
     for k in range(count):

@@ -53,7 +53,7 @@ class GhostArrays(NamedTuple):
     paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
     obstacles: Any = Array(np.float64, "N G 5")  # of ``kernels.RuleArrays``
     parameters: Any = Array(PARAMETERS, "1")
-    choices: Any = Array(np.int64, "N G")  # of the ghosts that a policy sends
+    choices: Any = Array(np.int64, "N G")  # choices of the ghosts that a policy controls
     remembered: Any = Array(np.int32, "N t G")  # choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants; the last: of the frightened
     levels: Any = Array(np.int64, "L")  # addresses

@@ -44,7 +44,7 @@ class RuleArrays(NamedTuple):
     games: Any = Array(GAME, "N")
     alive: Any = Array(np.bool_, "N P")  # the pellet is left
     waits: Any = Array(np.int64, "N C")  # physics step until which an aborted goal may not be chosen
-    aborts: Any = Array(np.int64, "N C")  # of each goal in this round
+    aborts: Any = Array(np.int64, "N C")  # aborts of each goal in this round
     obstacles: Any = Array(np.float64, "N G 5")  # x, y, keep-out radius of each ghost, m; two times (game/power.py)
     parameters: Any = Array(PARAMETERS, "1")
     levels: Any = Array(np.int64, "L")  # addresses of the level arrays (``maps/level.py``)

@@ -18,8 +18,8 @@ _CODES = {"no path": NO_VALID_PATH, "no control": NO_VALID_CONTROL, "stuck": FAI
 @dataclass(frozen=True)
 class Ended:
     key: bytes
-    status: int  # of action_msgs/GoalStatus
-    error_code: int  # of Nav2
+    status: int  # a status of action_msgs/GoalStatus
+    error_code: int  # error code of Nav2
     message: str
 
 

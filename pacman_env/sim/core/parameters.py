@@ -26,8 +26,8 @@ _FIELDS = [
     *NAVIGATOR_FIELDS,
     *LOCALIZATION_FIELDS,
     *BODY_FIELDS,
-    ("seed", np.uint64),  # of this round
-    ("episode_seed", np.uint64),  # of the first round
+    ("seed", np.uint64),  # seed of this round
+    ("episode_seed", np.uint64),  # seed of the first round
     ("step", np.int32),  # physics steps in this round
     ("substep", np.int32),  # physics steps in this tick
     ("stage", np.int32),  # next stage of this tick (ticks.py)
@@ -43,9 +43,9 @@ _FIELDS = [
     ("score", np.int32),  # points over all rounds
     ("level", np.int32),  # slot of the map
     ("refuges", np.int32),  # number of refuges of the map, which follow its pellets
-    ("base_clyde_speed", np.float64),  # of round 1, m/s
-    ("clyde_speed", np.float64),  # of this round
-    ("command_v", np.float64),  # of a velocity action, m/s
+    ("base_clyde_speed", np.float64),  # speed in round 1, m/s
+    ("clyde_speed", np.float64),  # speed in this round
+    ("command_v", np.float64),  # v of a velocity action, m/s
     ("command_w", np.float64),  # rad/s
     ("distance", np.float64),  # believed distance to the nearest ghost at the last decision, m
     ("closing", np.float64),  # m/s

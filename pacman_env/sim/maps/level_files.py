@@ -27,7 +27,7 @@ from .level import COARSE_MAP, COARSE_STEPS, CoarseSteps, Level, LevelArrays, Le
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
-_KEEP_BYTES = 12 << 30  # for all folders; a house takes 5 MB
+_KEEP_BYTES = 12 << 30  # limit for all folders; a house takes 5 MB
 _OWN = -1  # instead of an index of ``LevelArrays.later``: the level's own arrays
 _LATER = {COARSE_STEPS: CoarseSteps, COARSE_MAP: CoarseArrays}
 _KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}
@@ -35,7 +35,7 @@ _HEAD = np.dtype(
     [
         ("format", f"S{len(_FORMAT)}"),
         ("key", "S64"),
-        ("bytes", np.int64),  # of the file
+        ("bytes", np.int64),  # size of the file
         ("facts", np.int64, len(LevelFacts._fields)),
         ("walls", np.int64),  # number of walls, which come first
         *(
@@ -50,7 +50,7 @@ class LevelFiles:
     """Files of the houses of one configuration, enlarged by the factor ``scale``."""
 
     def __init__(self, config: Config, scale: int) -> None:
-        own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # of levels, but not of prepared maps
+        own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # for levels, not for prepared maps
         numbers = {"scale": scale, **own, "format": str(_HEAD)}
         self.key = hashlib.sha256(f"{configuration_key(config)}{numbers}".encode()).hexdigest()[:32]
 

@@ -200,7 +200,7 @@ class GeneratedMaps:
         return level - first < max(own, TEST_SET if first else TRAIN_SET)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        most = self.scale * MAX_EXTENT_M  # of the largest possible house
+        most = self.scale * MAX_EXTENT_M  # extent of the largest possible house
         return (-most, most), (-most, most)
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from .level import Level
 from .level_source import LevelSource
 
-_WAIT_S = 10.0  # for the current level at interpreter exit: a thread must not be killed inside OpenCV
+_WAIT_S = 10.0  # wait for the current level at interpreter exit: do not kill a thread inside OpenCV
 
 
 class LevelsAhead:

@@ -49,7 +49,7 @@ MASK = "action_mask"  # part of every observation whose actions are candidates
 class ObservationPart(NamedTuple):
     """One array of an observation of one game."""
 
-    low: float | NDArray[Any]  # for all elements or for each element
+    low: float | NDArray[Any]  # one bound for all elements, or one for each
     high: float | NDArray[Any]
     shape: tuple[int, ...]
     dtype: type[np.generic]

@@ -41,7 +41,7 @@ REQUEST = np.dtype(
 
 
 class SeenArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # of the situations
+    block: Any = Array(np.uint8, "b")  # memory block of the situations
     levels: Any = Array(np.int64, "L")  # addresses of the levels
     request: Any = Array(REQUEST, "1")
 
@@ -291,8 +291,8 @@ class _Walkers(NamedTuple):
 class _Paths(NamedTuple):
     x: Any  # column at each instant, by block
     y: Any  # row at each instant, by block
-    weights: Any  # of a ghost's paths
-    candidates: Any  # of the robot's paths
+    weights: Any  # weights of a ghost's paths
+    candidates: Any  # candidates of the robot's paths
 
 
 @kernel

@@ -70,9 +70,9 @@ def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-un
     """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at the believed ``pose`` (3,).
 
     The robot is in the middle; row 0 is ahead of it and column 0 to its left. ``grid`` is affine (6,), world to cell,
-    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m, a mask (P,) of those
-    that are left and one of power pellets; ``ghosts`` are positions (G, 2) and values (G,). Pellets and ghosts that are
-    not finite are skipped. ``lengths_m`` are the size of a pixel and the robot's radius.
+    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m, a mask (P,) of the
+    remaining pellets and a mask of power pellets. ``ghosts`` are positions (G, 2) and values (G,). Pellets and ghosts
+    that are not finite are skipped. ``lengths_m`` are the size of a pixel and the robot's radius.
     """
     pellet_xy, remaining, power = pellets
     ghost_xy, values = ghosts

@@ -91,7 +91,7 @@ class FeatureArrays(NamedTuple):
 
 
 class _RobotArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # of the situations
+    block: Any = Array(np.uint8, "b")  # memory block of the situations
     lengths: Any = Array(np.int64, "3")
     seen: Any = FeatureArrays
 

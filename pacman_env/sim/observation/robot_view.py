@@ -80,7 +80,7 @@ class RobotView:
         self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
         self._forget()
-        self._cells = np.zeros((1, count, 1), dtype=np.int32)  # of each ghost's path only the last cell is known
+        self._cells = np.zeros((1, count, 1), dtype=np.int32)  # only the last cell of each ghost's path is known
         self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
         self._seen_s: float | None = None

@@ -5,8 +5,8 @@ Candidates are pellets (padded), refuges (padded) and hold, in this order.
 
 With several ghosts, Clyde is the ghost nearest to the believed pose, and ``path_clyde`` is the shortest path of any
 ghost. Harmless ghosts do not count: if all are, Clyde is 1 km away. The policy of a ghost gets the
-same arrays with its ghost as Clyde; its candidates are the places where the ghost can go, and the last one is to
-wander.
+same arrays with its ghost as Clyde; its candidates are the places where the ghost can go; the last one means
+to wander.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ class Situation:
     ``frightened_s``, ``away_s`` and ``harmless`` (N, G) are the columns of ``fright``.
     """
 
-    time_s: Annotated[NDArray[np.float64], "N"]  # since the round began
+    time_s: Annotated[NDArray[np.float64], "N"]  # time since the round began
     robot: Annotated[NDArray[np.float64], "N 3"]  # believed x, y, heading
     robot_velocity: Annotated[NDArray[np.float64], "N 2"]  # v in m/s, omega in rad/s
-    pose_age_s: Annotated[NDArray[np.float64], "N"]  # since the believed pose was measured
+    pose_age_s: Annotated[NDArray[np.float64], "N"]  # age of the believed pose
     clyde: Annotated[NDArray[np.float64], "N 2"]  # x, y
-    clyde_velocity: Annotated[NDArray[np.float64], "N 2"]  # m/s, of the last move
+    clyde_velocity: Annotated[NDArray[np.float64], "N 2"]  # m/s, velocity of the last move
     clyde_speed: Annotated[NDArray[np.float64], "N"]  # m/s, the speed in this round
     closing_speed: Annotated[NDArray[np.float64], "N"]  # m/s, positive: the straight distance shrinks (Algorithm 3)
     kind: Annotated[NDArray[np.int8], "N C"]  # PELLET, REFUGE or HOLD
@@ -57,16 +57,16 @@ class Situation:
     path_robot: Annotated[NDArray[np.float64], "N C"]  # m, path length robot-candidate; inf if unreachable
     path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf if unreachable
     current: Annotated[NDArray[np.int64], "N"]  # current candidate, -1: none
-    seed: Annotated[NDArray[np.uint64], "N"]  # of the round, for policies that draw random numbers
+    seed: Annotated[NDArray[np.uint64], "N"]  # seed of the round, for policies that draw random numbers
     tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
-    pellets_left: Annotated[NDArray[np.int64], "N"]  # on the map, including forbidden ones
+    pellets_left: Annotated[NDArray[np.int64], "N"]  # pellets on the map, including forbidden ones
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
     fright: Annotated[NDArray[np.float64], "N G 3"]  # FRIGHTENED_S, AWAY_S and HARMLESS of each ghost
     is_power: Annotated[NDArray[np.bool_], "N C"]  # candidates that are power pellets
-    belief: Annotated[NDArray[np.float64], _BELIEF]  # about each ghost's behaviour (game/behaviour_belief.py)
+    belief: Annotated[NDArray[np.float64], _BELIEF]  # probabilities of behaviours (game/behaviour_belief.py)
     goal: Annotated[NDArray[np.int32], "N C"]  # goal number of each candidate on its map, -1: none
     level: Annotated[NDArray[np.int32], "N"]  # slot of the map in ``maps``
-    maps: LevelSlots | None = None  # for policies that plan on maps; None if unknown
+    maps: LevelSlots | None = None  # maps, for policies that plan on them; None if unknown
     threads: Threads = ALONE  # threads for computations on the situations
 
     def __len__(self) -> int:
@@ -74,17 +74,17 @@ class Situation:
 
     @property
     def frightened_s(self) -> NDArray[np.float64]:
-        """Return for how long each ghost stays frightened, (N, G), s; 0 if it is not."""
+        """Return the time for which each ghost stays frightened, (N, G), s; 0 if it is not frightened."""
         return self.fright[:, :, FRIGHTENED_S]
 
     @property
     def away_s(self) -> NDArray[np.float64]:
-        """Return after which time each caught ghost starts again, (N, G), s; 0 if it is there."""
+        """Return the time until each caught ghost starts again, (N, G), s; 0 if it is not away."""
         return self.fright[:, :, AWAY_S]
 
     @property
     def harmless(self) -> NDArray[np.bool_]:
-        """Return which ghosts need not be avoided, (N, G): they stay harmless for longer than ``power.warning_s``."""
+        """Return a mask (N, G) of the ghosts that stay harmless for longer than ``power.warning_s``."""
         return self.fright[:, :, HARMLESS] > 0.0
 
     def __getattr__(self, name: str) -> NDArray[Any]:
@@ -160,7 +160,7 @@ LAYOUT = Layout(SituationArrays)
 
 
 def maps_of(situation: Situation) -> LevelSlots:
-    """Return the maps of a situation; raise ValueError if it has none."""
+    """Return the maps of a situation; raise ValueError if it contains none."""
     if situation.maps is None:
         raise ValueError("the situation has no maps to plan on")
     return situation.maps
@@ -171,7 +171,7 @@ MISSING = -1  # instead of a candidate's number, if there are fewer
 
 @dataclass(frozen=True)
 class NearestCounts:
-    """Numbers of listed pellets and refuges; hold is listed too."""
+    """Numbers of listed pellets and refuges; hold is always listed."""
 
     pellets: int
     refuges: int

@@ -133,7 +133,7 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
     columns = mask.shape[1]
     left = mask.copy().ravel()
     queue = np.empty(left.size, np.int64)
-    first, last = 0, 0  # of the largest so far
+    first, last = 0, 0  # range of the largest part so far
     end = 0
     for cell in range(left.size):
         if not left[cell]:
@@ -249,7 +249,7 @@ def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
             if deep > 3:
                 continue
             if cell_kind == SOLID:
-                # In patches the wall is thick, thin or missing.
+                # The wall has patches that are thick, thin or missing.
                 rough = _noise(seed, r, c, 4) if deep > 1 else _noise(seed, r, c, 3)
                 if rough < _WALL_SHARES[deep] and _noise(seed, r, c, 1) < 0.97:
                     grey[r, c] = _OCCUPIED

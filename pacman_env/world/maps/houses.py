@@ -29,7 +29,7 @@ _FREE = -1  # instead of a side, for a piece away from walls
 #: Forms: box, table (the lidar sees the legs), table with chairs, pot, heap of small things.
 _BOX, _LEGS, _CHAIRS, _POT, _HEAP = range(5)
 _CHAIR_M = 0.4
-#: By kind of room: form, stands free, length from, to, depth from, to (m), chance; in the order of placement.
+#: Furniture by kind of room: form, stands free, length from, to, depth from, to (m), chance; in the order of placement.
 _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float], ...]] = {
     "hall": ((_BOX, False, 0.6, 1.2, 0.22, 0.32, 0.7), (_POT, False, 0.25, 0.35, 0.25, 0.35, 0.5)),
     "living": (

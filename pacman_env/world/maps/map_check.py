@@ -14,7 +14,7 @@ from pacman_env.world.maps.occupancy import MapError, OccupancyMap
 from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are artefacts of mapping and not counted
-SUSPICIOUS_SHARE = 0.01  # of all pixels
+SUSPICIOUS_SHARE = 0.01  # share of all pixels
 UNKNOWN_GREY = 216  # unknown cells are at most 205 or 216; brighter ones are Cartographer's free cells
 
 
@@ -25,7 +25,7 @@ class PelletPlace:
     id: int
     x: float
     y: float
-    reachable: bool  # for a robot that starts from home
+    reachable: bool  # reachable for a robot that starts from home
 
 
 @dataclass(frozen=True)

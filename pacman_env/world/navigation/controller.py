@@ -57,7 +57,7 @@ class Pose(NamedTuple):
 
     x: float  # m
     y: float
-    cos: float  # of the heading
+    cos: float  # cosine of the heading
     sin: float
 
 
@@ -135,9 +135,9 @@ def _angle(x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
-    """Return what MPPI aims at, (v, omega), for a path ``off`` rad from the heading.
+    """Return the target (v, omega) of MPPI for a path ``off`` rad from the heading.
 
-    It turns towards the path, and drives the slower the farther it is off the path and the faster it turns.
+    The robot turns towards the path. It drives slower with a larger heading error and with a higher turn rate.
     """
     turning = max(1.0 - abs(g.right - g.left) * p.per_base / p.mppi_turn_stops, 0.0)
     turned = min(max((p.mppi_stop_angle - abs(off)) * p.mppi_angle_slope, 0.0), 1.0)
@@ -148,7 +148,7 @@ def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
 def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
     """Return speed and turn rate of MPPI's next step on the way to (v, omega).
 
-    MPPI improves its last plan a little in each cycle, so that both only approach what it aims at.
+    MPPI improves its last plan a little in each cycle, so both only approach their targets.
     """
     now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
     return limit(now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn), p)

@@ -21,7 +21,7 @@ from .paths import PathFields, navfn_weights, neighbour_table
 LETHAL = 254  # cell of an obstacle
 INSCRIBED = 253  # no place for the robot's centre
 _MARGIN = 4  # solid cells around the grid
-_WALL_TOLERANCE_PX = 0.5  # of simplified contours; half a cell stays inside the inscribed margin
+_WALL_TOLERANCE_PX = 0.5  # tolerance of simplified contours; half a cell stays inside the inscribed margin
 
 
 def _apply(affine: NDArray[np.float64], u: Any, v: Any) -> tuple[Any, Any]:

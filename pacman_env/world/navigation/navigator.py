@@ -12,7 +12,7 @@ from .localization import record_fields
 from .planner import Fields, write_plan
 
 IDLE, ACTIVE = 0, 1
-NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # as in action_msgs/GoalStatus
+NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # values of action_msgs/GoalStatus
 
 NAVIGATOR_FIELDS = [
     *record_fields(np.float64, "x y heading heading_cos heading_sin"),  # true pose: m, m, rad
@@ -31,7 +31,7 @@ NAVIGATOR_FIELDS = [
     *record_fields(np.float64, "nav_progress_x nav_progress_y"),
     *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # first step of being stuck, -1: not stuck
     *record_fields(np.int32, "nav_wait_step"),  # recovering until this step
-    *record_fields(np.int32, "nav_result nav_result_goal"),  # of the last goal that ended, until it is read
+    *record_fields(np.int32, "nav_result nav_result_goal"),  # result of the last goal that ended, until it is read
     *record_fields(np.int32, "nav_last nav_last_step"),  # the last result and its step
     *record_fields(np.int32, "nav_accept_steps"),
     *record_fields(np.float64, "nav_abort_rate"),

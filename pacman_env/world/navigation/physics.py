@@ -26,7 +26,7 @@ from .localization import record_fields
 
 BODY_FIELDS = [
     *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m, m/s
-    *record_fields(np.float64, "force_x force_y"),  # for the next step, N
+    *record_fields(np.float64, "force_x force_y"),  # force for the next step, N
     *record_fields(np.int32, "touch"),  # remaining steps in a space
 ]
 _GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity and force; position and velocity

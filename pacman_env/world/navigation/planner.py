@@ -1,9 +1,9 @@
 """Global planner of the simulated Nav2: plans the next part of the path to a goal, around obstacles on it.
 
 The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
-the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5): x, y in
-m, the distance to keep, which the planner fills in (0: ignored), the step until which it is no obstacle, and one column
-that the planner does not use.
+the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5). The
+columns are x, y (m), the distance to keep, which the planner fills in (0: ignored), and the step until which it is no
+obstacle; the planner does not use the last column.
 """
 
 import math

@@ -143,7 +143,7 @@ def test_card_and_facts_describe_how_data_was_made(folder: Path) -> None:
     assert (facts["rounds"], facts["policy"], facts["seed"]) == (6, "nearest", 3)
     card = (folder / "README.md").read_text()
     assert f"pacman-env dataset {NAME} {' '.join(SHORT)} --episodes 6 --seed 3\n" in card
-    for part in (load_map("loop").hash, f"pacman_env {__version__}", f"{facts['decisions']} decisions", "played again"):
+    for part in (load_map("loop").hash, f"pacman_env {__version__}", f"{facts['decisions']} decisions", "round_seed"):
         assert part in card
     for file in ("data/main_data.hdf5", "decisions.parquet", "rounds.parquet"):
         assert f"| `{file}` | {(folder / file).stat().st_size:,} |" in card
@@ -178,7 +178,7 @@ def test_environment_of_map_file_is_recovered(tmp_path: Path) -> None:
 def test_existing_data_set_is_not_changed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = (folder / "README.md").stat().st_mtime_ns
     assert dataset.main([NAME, "--root", str(folder.parents[1])]) == 2
-    assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: is there already"]
+    assert capsys.readouterr().err.splitlines() == [f"pacman-env dataset: {folder}: already exists"]
     assert (folder / "README.md").stat().st_mtime_ns == before
 
 

@@ -60,7 +60,7 @@ def test_round_of_robot_nodes_becomes_one_episode(
     assert (decisions["action"] == 0).mean() > 0.8  # listed by their distance: the policy takes the nearest
     card = (folder / "README.md").read_text()
     assert "played by a robot" in card
-    assert "is played again" not in card
+    assert "To replay a round" not in card
     assert "['game']" in card
 
 
@@ -88,10 +88,10 @@ def test_unsuitable_rounds_are_refused(
     bag, ground = recorded
     without(bag, tmp_path / "foreign", topics.SCORES)
     scan = ["--id", "PacManBot-v1", "--observation", "scan"]
-    only = "of a robot's rounds there are only features, planner, power, bearings"
+    only = "rounds of a robot provide only features, planner, power, bearings"
     for words, message in (
         (["--map", ground, "--bags", str(tmp_path / "foreign")], "the choices of its goal selector"),
-        (["--map", ground, "--bags", str(tmp_path / "none")], "no bag that can be read"),
+        (["--map", ground, "--bags", str(tmp_path / "none")], "not a readable bag"),
         (["--map", ground, "--bags", str(bag), *scan], only),
         (["--map", "maze", "--bags", str(bag)], "no round with a decision"),
     ):

@@ -63,11 +63,11 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
         ("rounds: 8", "rounds: 0", "tiny.test_levels.rounds = 0: Expected `int` >= 1"),
         ("speeds_mps:", "speed:", "unknown field `speed`"),
         ("[0, 0.25]", "[]", "tiny.speeds_mps = []: Expected `array` of length >= 1"),
-        ("[0, 0.25]", "[0.25, 0.25]", "tiny.speeds_mps[1] = 0.25: is there twice"),
+        ("[0, 0.25]", "[0.25, 0.25]", "tiny.speeds_mps[1] = 0.25: is repeated"),
         ("[0, 0.25]", "[0.25, -1]", "tiny.speeds_mps[1] = -1"),
         ("[0, 0.25]", "[0.25, 9]", "tiny.speeds_mps[1]: clyde.speed_mps = 9.0"),
         ("[wander]", "[]", "tiny.ghosts[0] = []: Expected `array` of length >= 1"),
-        ("[wander]", "[arcade, chase]", "tiny.ghosts[1] = ('arcade', 'chase'): is there twice"),
+        ("[wander]", "[arcade, chase]", "tiny.ghosts[1] = ('arcade', 'chase'): is repeated"),
         ("[wander]", "['clyde:unknown']", "tiny.ghosts[0]: ghost behaviour 'clyde:unknown': module clyde"),
         ("[wander]", "[policy]", "tiny.ghosts[0]: clyde.ghosts[0] = 'policy': name the .onnx file"),
         *(
@@ -78,7 +78,7 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
                 ("randomize.clyde_speed_mps: [0.1, 0.2]", "settings.randomize.clyde_speed_mps: must not be set here"),
             )
         ),
-        ("  ghosts:", "  ghosts: [[chase]]\n  ghosts:", "key 'ghosts' is there twice"),
+        ("  ghosts:", "  ghosts: [[chase]]\n  ghosts:", "key 'ghosts' is repeated"),
     ],
 )
 def test_wrong_suite_is_refused_with_file_and_field(old: str, new: str, message: str, tmp_path: Path) -> None:

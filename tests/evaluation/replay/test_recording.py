@@ -69,12 +69,12 @@ def test_goal_changes_state_time_place_and_reason() -> None:
         assert re.search(r"score -\d+\.\d\d", change.why)
         assert "distance " in change.why
         assert "kind" not in change.why
-    assert "the one before is gone" in "".join(change.why for change in changes)
+    assert "the previous goal is gone" in "".join(change.why for change in changes)
 
 
 def test_new_goal_scores_higher_than_previous_goal() -> None:
     reasons = [change.why for seed in episode_seeds(5, 6) for change in watched("lookahead", seed).changes]
-    pairs = [re.search(r"score (-[\d.]+) against (-[\d.]+) of the one before", why) for why in reasons]
+    pairs = [re.search(r"score (-[\d.]+) against (-[\d.]+) of the previous goal", why) for why in reasons]
     better = [(float(pair[1]), float(pair[2])) for pair in pairs if pair]
     assert better
     assert all(new >= old for new, old in better)

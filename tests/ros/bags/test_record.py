@@ -88,7 +88,7 @@ def test_recorder_leaves_nothing_without_messages(system: Any, probe: Any, tmp_p
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [(None, "no bag that can be read"), (b"", "no bag that can be read"), (b"\x89MCAP0\r\n" + bytes(99), "no bag")],
+    [(None, "not a readable bag"), (b"", "not a readable bag"), (b"\x89MCAP0\r\n" + bytes(99), "not a readable bag")],
 )
 def test_file_that_is_no_bag_is_refused(tmp_path: Path, content: bytes | None, words: str) -> None:
     path = tmp_path / "x.mcap"

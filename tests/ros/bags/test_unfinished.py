@@ -114,7 +114,7 @@ def test_recording_cut_anywhere_is_refused_in_one_line(recorded: Path, share: fl
     content, file = (recorded / "first.mcap").read_bytes(), recorded.parent / "cut.mcap"
     length = int(share * len(content))
     file.write_bytes(content[:length] + bytes((len(content) - length) * zeros))  # as a file system may fill up
-    line = refusal(file, "no bag that can be read")
+    line = refusal(file, "not a readable bag")
     assert ("; mcap recover " in line) == (length >= 8)  # with MCAP's first bytes
 
 
@@ -134,7 +134,7 @@ def test_remedy_of_unfinished_bag_quotes_its_path(recorded: Path, tmp_path: Path
     file.parent.mkdir()
     file.write_bytes((recorded / "first.mcap").read_bytes()[:-50])
     for path in (file, file.parent):
-        line = refusal(path, "no bag that can be read")
+        line = refusal(path, "not a readable bag")
         new = tmp_path / "my game" / "my game_recovered" if path == file else tmp_path / "my game_recovered"
         out = new / "my game_recovered_0.mcap"
         assert f"mkdir '{new}'; mcap recover '{file}' -o '{out}'; ros2 bag reindex '{new}'" in line

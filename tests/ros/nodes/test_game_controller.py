@@ -96,7 +96,7 @@ def test_start_is_refused_without_goal_selector(nodes: Session) -> None:
     nodes.start(REFEREE)
     nodes.advance(0.1)
     answer = nodes.call(topics.START_GAME)
-    why = "start: no goal selector is there; it starts when the robot has a pose"
+    why = "start: no goal selector yet; it starts when the robot has a pose"
     assert (answer.success, answer.message) == (False, why)
     nodes.advance(1.0)
     assert nodes.values(topics.GAME_STATE) == ["menu"]

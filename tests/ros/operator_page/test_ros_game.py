@@ -68,7 +68,7 @@ def test_jumped_pose_is_alert_until_it_is_answered(game: PageGame) -> None:
     assert any("pose jumped" in words for words in game.heard("words", after))
     game.handle(messages.Continue())
     game.wait(lambda: not alerts(), "its end")
-    with pytest.raises(Refused, match="nothing to continue from"):
+    with pytest.raises(Refused, match="nothing to confirm"):
         game.handle(messages.Continue())
     game.session.publish(FAULT, "end pose_jump")
     game.wait(alerts, "the alert")

@@ -19,7 +19,7 @@ from tests.sim.robots import RIGHT, rooms
 def test_fault_reject(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
     robot = make_robot(fault="reject")
     assert not robot.goal(*RIGHT).accepted
-    assert "goal rejected: as asked for by a fault" in log()
+    assert "goal rejected: as requested by a fault" in log()
     robot.fault("end reject", [])
     assert robot.succeeds(1.0, 0.5)
 

@@ -201,7 +201,7 @@ def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, s
         assert ("step" in game.awaited()) != sim
 
 
-REFUSAL = "start: no goal selector is there; it starts when the robot has a pose"
+REFUSAL = "start: no goal selector yet; it starts when the robot has a pose"
 
 
 def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[topics.Service], Future[Any]]]:

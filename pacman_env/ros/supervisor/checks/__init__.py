@@ -7,7 +7,7 @@ from ..terminal import plain
 from . import game, network, robot
 from .check import BAD, UNKNOWN, Finding, Observations
 
-#: In the order in which faults should be remedied.
+#: Checks in the order in which faults should be remedied.
 CHECKS = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "no other check is possible without a robot", "see above"), settled=False

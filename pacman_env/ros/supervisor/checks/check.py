@@ -31,7 +31,7 @@ class Finding:
     check: str  # name; set by Check.find, like the question
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
-    summary: str  # what was observed, with figures and units
+    summary: str  # observation with figures and units
     remedy: str = ""
     command: str = ""  # command of the remedy, if it consists of one
     settled: bool = True  # False if more time may change it

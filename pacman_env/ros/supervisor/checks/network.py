@@ -13,7 +13,7 @@ from ..game_nodes import SIMULATOR
 from .check import FIREWALL, RESTART, Check, CheckTime, Finding, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"
-#: Environment variables besides domain and range that affect discovery.
+#: Environment variables that affect discovery, in addition to domain and range.
 _VARIABLES = *BEYOND, "RMW_IMPLEMENTATION", "FASTRTPS_DEFAULT_PROFILES_FILE"
 _REACHES = {"LOCALHOST": "this machine only", "OFF": "no other program", "SUBNET": "this machine and its network"}
 _TRUE = ("1", "true", "yes", "on")
@@ -74,7 +74,7 @@ def _check_base(robot: Observations) -> Finding:
     real = sorted({*bases, *robot.publishers_of("scan")} - {simulator})
     if robot.in_simulation and real:
         summary = f"a simulated robot, {simulator}, and a real one, {listed(real)}: the game drives both"
-        remedy = "stop the simulated one (Ctrl-C) and start it in a domain of its own"
+        remedy = "stop the simulated one (Ctrl-C) and start it in another domain"
         return Finding.bad(summary, remedy, f"{robot.start_game} --domain-id {robot.other_domain}")
     if len(bases) > 1:
         remedy = "two robots in one namespace: set another for one of them in turtlebot4-setup"

@@ -101,7 +101,7 @@ def _check_lidar(robot: Observations) -> Finding:
     ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
     summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
     if share < FEWEST_RETURNS:
-        return Finding.bad(summary, "the lidar may be covered: remove what is on it")
+        return Finding.bad(summary, "the lidar may be covered: uncover it")
     if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
         remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
         return Finding.bad(summary, remedy)
@@ -117,7 +117,7 @@ def _lidar_remedy(robot: Observations) -> tuple[str, str]:
 
 
 FRESH_S = 1.0  # age of a transform; the goal selector's pose_timeout_s
-LIDAR_FRAME = "rplidar_link"  # of the TurtleBot 4, until a scan gives another frame
+LIDAR_FRAME = "rplidar_link"  # frame on the TurtleBot 4, until a scan gives another one
 _FRAMES = 1000
 _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it stands, drag to where it faces'
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
