@@ -79,6 +79,10 @@ class MapView:
         self.background = self._background()
         self._drawn = functools.lru_cache(maxsize=_KEPT_LAYERS)(self._draw_layer)
 
+    @property
+    def enlarged(self) -> float:
+        return self.body_px / (self.config.robot.radius_m * self.scale)
+
     def pixels(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
         """Convert positions (..., 2) in m to pixels (..., 2), whole numbers at pixel centres."""
         cell = np.stack(self.assets.occupancy.world_to_cell(xy[..., 0], xy[..., 1]), axis=-1)
@@ -133,7 +137,6 @@ class MapView:
         unit, radius = self.unit, self.config.robot.radius_m
         self.scale = scale
         self.body_px = max(radius * scale, 8.0 * unit, 4.5)
-        self.enlarged = self.body_px / (radius * scale)
         self.pellet_px = min(max(0.08 * scale, 4.0 * unit, 2.2), max(6.5 * unit, 2.2))
         self.mark_px = min(max(0.11 * scale, 6.0 * unit, 3.5), max(9.0 * unit, 3.5))
 
