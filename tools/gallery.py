@@ -29,14 +29,11 @@ from tools.figures import store
 
 _GAP = 10  # px between pictures
 _PX_PER_M = 21.0  # scale of the maps in a sheet
-#: Of what an agent sees: walls, floor, pellets, ghosts, robot; page, seen area and rings of the scan.
-_SEEN: dict[Theme, tuple[tuple[Colour, ...], tuple[Colour, ...]]] = {
-    "light": (
-        ((60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), LIGHT.plan),
-        ((255, 255, 255), (232, 240, 252), (206, 212, 222)),
-    ),
-    "dark": ((DARK.wall, DARK.floor, DARK.pac, (255, 140, 26), DARK.plan), (DARK.page, DARK.floor, (70, 82, 112))),
-}
+_SEEN: dict[Theme, tuple[Colour, ...]] = {  # walls, floor, pellets, ghosts, robot; page, seen area, rings of a scan
+    "light": ((60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), LIGHT.plan,
+              (255, 255, 255), (232, 240, 252), (206, 212, 222)),
+    "dark": (DARK.wall, DARK.floor, DARK.pac, (255, 140, 26), DARK.plan, DARK.page, DARK.floor, (70, 82, 112)),
+}  # fmt: skip
 
 
 def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments: Any) -> PacManBotEnv:
@@ -160,18 +157,15 @@ def draw_observations(theme: Theme) -> Image:
     env = play(5, 24, map="open_plan", ghosts=2, observation=("features", "scan", "grid"))
     stepped = env.step(int(env.batch.hold))[0]
     frame = render_frame(env.batch, 0, height=420, theme=theme)
-    pictures = [
-        frame,
-        _scan_picture(theme, env, stepped["scan"], frame.shape[0]),
-        _grid_picture(theme, stepped["grid"]),
-    ]
-    captions = ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot")
-    return sheet(theme, pictures, 3, captions)
+    pictures = frame, _scan_picture(theme, env, stepped["scan"], len(frame)), _grid_picture(theme, stepped["grid"])
+    return sheet(
+        theme, pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot")
+    )
 
 
 def _scan_picture(theme: Theme, env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
     """Draw the ends of the rays around the robot, its heading up, with rings every metre."""
-    (walls, *_, robot), (page, seen, rings) = _SEEN[theme]
+    walls, *_, robot, page, seen, rings = _SEEN[theme]
     limit_m = 6.5
     image = np.full((size, size, 3), page, dtype=np.uint8)
     middle, scale = (size - 1) / 2, size / (2 * limit_m)
@@ -191,7 +185,7 @@ def _scan_picture(theme: Theme, env: PacManBotEnv, ranges: NDArray[np.float32], 
 
 
 def _grid_picture(theme: Theme, grid: NDArray[np.uint8], times: int = 6) -> Image:
-    (walls, floor, *others), _ = _SEEN[theme]
+    walls, floor, *others = _SEEN[theme][:5]
     image = np.full((*grid.shape[:2], 3), floor, dtype=np.uint8)
     for channel, colour in enumerate((walls, *others)):
         image[grid[:, :, channel] > 0] = colour

@@ -15,8 +15,8 @@ from tools.common import ROOT, SUFFIXES
 
 _DARK = {  # the colours of diagrams in the dark theme
     "#1b1f24": "#eef1f8", "#57606a": "#a7b1c6", "#ffffff": "#0d1018", "#d0d7de": "#3b465f", "#f6f8fa": "#161b28",
-    "#fff7d6": "#33290c", "#b38600": "#ffd54a", "#e7f0ff": "#1b2947", "#2f6fd0": "#7fa9ff",
-    "#e9f7ec": "#12301d", "#2f8f4e": "#63d38f",
+    "#fff7d6": "#33290c", "#b38600": "#ffd54a", "#e7f0ff": "#1b2947", "#2f6fd0": "#7fa9ff", "#e9f7ec": "#12301d",
+    "#2f8f4e": "#63d38f",
 }  # fmt: skip
 
 

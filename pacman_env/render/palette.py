@@ -36,20 +36,10 @@ class Palette(NamedTuple):
 
 LIGHT = Palette()
 DARK = Palette(
-    floor=(27, 34, 51),
-    wall=(98, 122, 220),
-    unknown=(13, 16, 24),
-    out_of_reach=(18, 22, 34),
-    page=(13, 16, 24),
-    ink=(238, 241, 248),
-    ghost_outline=(150, 162, 196),
-    plan=(127, 169, 255),
-    belief=(213, 155, 255),
-    danger=(255, 98, 98),
-    place=(79, 209, 181),
-    place_fill=(14, 58, 54),
-    collected=(104, 117, 148),
-)
+    floor=(27, 34, 51), wall=(98, 122, 220), unknown=(13, 16, 24), out_of_reach=(18, 22, 34),
+    page=(13, 16, 24), ink=(238, 241, 248), ghost_outline=(150, 162, 196), plan=(127, 169, 255), belief=(213, 155, 255),
+    danger=(255, 98, 98), place=(79, 209, 181), place_fill=(14, 58, 54), collected=(104, 117, 148),
+)  # fmt: skip
 THEMES: dict[Theme, Palette] = {"light": LIGHT, "dark": DARK}
 
 #: Text, background colour and text colour for each state of a game.
