@@ -2,7 +2,9 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
+from docutils import nodes
 from sphinx.application import Sphinx
 
 from pacman_env import __version__
@@ -102,6 +104,19 @@ def _adapted(app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{_BELOW[page]}\n```\n"
 
 
+def _themed(app: Sphinx, doctree: nodes.document) -> None:
+    """Show a dark picture in the dark theme if there is one: ``NAME-dark.png`` of ``NAME.png``."""
+    for light in [*doctree.findall(nodes.image)]:
+        path = Path(light["uri"])
+        dark = light.deepcopy()
+        dark["uri"] = path.with_stem(f"{path.stem}-dark").as_posix()
+        if (Path(app.env.doc2path(app.env.docname)).parent / dark["uri"]).is_file():
+            for image, theme in ((light, "light"), (dark, "dark")):
+                image["classes"].append(f"only-{theme}")
+                image["loading"] = "lazy"  # the hidden one is not fetched
+            light.parent.insert(light.parent.index(light) + 1, dark)
+
+
 def _scripted(app: Sphinx, page: str, template: str, context: dict[str, object], doctree: object) -> None:
     """Load the scripts of the replay on its page only."""
     for name in ("replay_page", "replay_rounds", "replay") if page == "replay" else ():
@@ -111,6 +126,7 @@ def _scripted(app: Sphinx, page: str, template: str, context: dict[str, object],
 def setup(app: Sphinx) -> None:
     """Connect what reads pages, docstrings and signatures."""
     app.connect("source-read", _adapted)
+    app.connect("doctree-read", _themed, priority=400)  # before pictures are collected
     app.connect("html-page-context", _scripted)
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", _restored, priority=600)

@@ -107,10 +107,12 @@ def test_every_picture_is_shown_and_total_is_small() -> None:
     shown = {
         (page.parent / target).resolve()
         for page in PAGES
-        for target in re.findall(r"!\[[^]]*\]\((?!http)([^)]+)\)", page.read_text())
+        for target in re.findall(
+            r'(?:!\[[^]]*\]\(|<(?:img|source)[^>]* src(?:set)?=")(?!http)([^)"]+)', page.read_text()
+        )
     }
     assert pictures == shown
-    assert sum(picture.stat().st_size for picture in pictures) < 1_500_000
+    assert sum(picture.stat().st_size for picture in pictures) < 1_850_000
 
 
 def test_pages_show_every_command() -> None:

@@ -7,9 +7,11 @@ from typing import Any
 
 from pacman_env.cli.command import Parser
 from pacman_env.files import write_text
+from pacman_env.render.palette import Theme
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
+SUFFIXES: dict[Theme, str] = {"light": "", "dark": "-dark"}  # of pictures' names: the site shows both
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -45,6 +47,16 @@ def names(what: str, known: Collection[str]) -> tuple[str, dict[str, Any]]:
         return given
 
     return "names", {"nargs": "*", "type": name, "metavar": "NAME", "help": f"which: {', '.join(known)} (all)"}
+
+
+def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) -> None:
+    """Write RGB frames as an animated WebP without loss."""
+    from PIL import Image
+
+    first, *others = [Image.fromarray(frame) for frame in frames]
+    small = {"lossless": True, "quality": 60, "method": 2, "kmin": 0, "kmax": 0}  # no key frames
+    times_ms = [frame_ms] * len(others) + [last_ms]
+    first.save(path, "WEBP", save_all=True, append_images=others, duration=times_ms, **small)
 
 
 def add_names(parser: Parser, what: str, known: Collection[str]) -> None:

@@ -10,25 +10,30 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Picture
 
 from pacman_env.cli.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.replay import RecordedGame, film, record_games
-from pacman_env.files import prepare, replaced
+from pacman_env.files import prepare, replaced, write_text
 from pacman_env.policies.registry import make_policy
-from pacman_env.render.frames import INK, MUTED, PAGE, map_view, render_frame
+from pacman_env.render.frames import map_view, render_frame
+from pacman_env.render.palette import DARK, LIGHT, THEMES, Colour, Theme
 from pacman_env.render.symbols import Image, paste, text
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools import replay
-from tools.common import add_images, add_names
+from tools import learning, replay
+from tools.common import add_images, add_names, save_film
+from tools.figures import store
 
 _GAP = 10  # px between pictures
 _PX_PER_M = 21.0  # scale of the maps in a sheet
-_WALLS, _FLOOR, _PELLETS, _GHOSTS, _ROBOT = (60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), (25, 103, 210)
+_SEEN: dict[Theme, tuple[Colour, ...]] = {  # walls, floor, pellets, ghosts, robot; page, seen area, rings of a scan
+    "light": ((60, 66, 84), (250, 250, 247), (214, 158, 0), (235, 100, 20), LIGHT.plan,
+              (255, 255, 255), (232, 240, 252), (206, 212, 222)),
+    "dark": (DARK.wall, DARK.floor, DARK.pac, (255, 140, 26), DARK.plan, DARK.page, DARK.floor, (70, 82, 112)),
+}  # fmt: skip
 
 
 def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments: Any) -> PacManBotEnv:
@@ -44,30 +49,30 @@ def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments:
     return env
 
 
-def sheet(pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:
+def sheet(theme: Theme, pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:
     """Place pictures in rows, each centred in its place, with a caption below."""
-    below = 26 if captions else 0
+    below, colours = 26 if captions else 0, THEMES[theme]
     widths = [max(picture.shape[1] for picture in pictures[c::columns]) for c in range(columns)]
     rows = [pictures[k : k + columns] for k in range(0, len(pictures), columns)]
     heights = [max(picture.shape[0] for picture in row) for row in rows]
     tops = _GAP + np.cumsum([0, *(height + below + _GAP for height in heights)])
     lefts = _GAP + np.cumsum([0, *(width + _GAP for width in widths)])
-    page = np.full((tops[-1], lefts[-1], 3), PAGE, dtype=np.uint8)
+    page = np.full((tops[-1], lefts[-1], 3), colours.page, dtype=np.uint8)
     for k, picture in enumerate(pictures):
         r, c = divmod(k, columns)
         y, x = tops[r] + (heights[r] - picture.shape[0]) // 2, lefts[c] + (widths[c] - picture.shape[1]) // 2
         page[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
         if captions:
-            caption = text(captions[k], 9.5, False, INK, PAGE)
+            caption = text(captions[k], 9.5, False, colours.ink, colours.page)
             paste(page, lefts[c] + (widths[c] - caption.shape[1]) / 2, tops[r] + heights[r] + below / 2, caption)
     return page
 
 
-def tile(assets: MapAssets, px_per_m: float = _PX_PER_M) -> Image:
+def tile(theme: Theme, assets: MapAssets, px_per_m: float = _PX_PER_M) -> Image:
     """Draw a map with its pellets, refuges and home; all maps have the same scale."""
     config, height = make_config(), 360
     for _ in range(6):  # iterate, because the height includes the legend
-        view = map_view(assets, config, height)
+        view = map_view(assets, config, height, theme=theme)
         if abs(view.scale - px_per_m) < 0.02 * px_per_m:
             break
         height = max(2 * round(0.5 * height * px_per_m / view.scale), 120)
@@ -87,106 +92,108 @@ def _games(*policies: str) -> list[RecordedGame]:
     return record_games("house", make_config(), {policy: policy for policy in policies}, replay.SEED)
 
 
-def draw_replay() -> Image:
+def draw_replay(theme: Theme) -> Image:
     """Draw the rounds of the page "Replay" at their ends."""
     games = _games(*replay.POLICIES)
     for game in games:
         while not game.over:
             game.step()
-    return sheet([game.picture(420) for game in games], 2)
+    return sheet(theme, [game.picture(420, theme) for game in games], 2)
 
 
-def save_round(path: Path) -> None:
-    """Film the round of ``ppo`` at 8 times real time: every second picture, 125 ms each, the last one for 2 s."""
-    first, *others = [Picture.fromarray(frame) for frame in film(_games("ppo"), 480)][::-2][::-1]
-    small = {"lossless": True, "quality": 60, "method": 4, "kmin": 0, "kmax": 0}  # no key frames
-    times_ms = [125] * len(others) + [2000]
-    first.save(path, "WEBP", save_all=True, append_images=others, duration=times_ms, **small)
+def save_round(path: Path, theme: Theme = "light") -> None:
+    """Film the round of ``ppo`` at 8 times real time: every second picture, the last one for 2 s."""
+    save_film([*film(_games("ppo"), 480, theme)][::-2][::-1], path, 125, 2000)
 
 
-def draw_story() -> Image:
+def draw_story(theme: Theme) -> Image:
     frames = []
     for decisions in (0, 90, 220, 2000):
         batch = play(7, decisions, map="loop").batch
-        view = map_view(batch.assets, batch.config, 400)
+        view = map_view(batch.assets, batch.config, 400, theme=theme)
         bottom = view.pixels(corners(batch.assets))[:, 1].max() + _GAP
-        frames.append(render_frame(batch, 0, height=view.height)[: math.ceil(bottom)])  # without the legend
-    return sheet(frames, 2)
+        frame = render_frame(batch, 0, height=view.height, theme=theme)
+        frames.append(frame[: math.ceil(bottom)])  # without the legend
+    return sheet(theme, frames, 2)
 
 
-def draw_ghosts() -> Image:
+def draw_ghosts(theme: Theme) -> Image:
     env = play(5, 24, map="open_plan", ghosts=("wander", "chase", "arcade", "wander"))
-    return render_frame(env.batch, 0, height=560, title="four ghosts")
+    return render_frame(env.batch, 0, height=560, title="four ghosts", theme=theme)
 
 
-def draw_power() -> Image:
+def draw_power(theme: Theme) -> Image:
     env = play(87, 50, map="open_plan", preset="arcade")
-    return render_frame(env.batch, 0, height=560, title="power pellets")
+    return render_frame(env.batch, 0, height=560, title="power pellets", theme=theme)
 
 
-def draw_maps() -> Image:
+def draw_maps(theme: Theme) -> Image:
     names = shipped_maps()
     tiles = [map_assets(name, make_config()) for name in names]
     captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]
-    return sheet([tile(assets, 30.0) for assets in tiles], 2, captions)
+    return sheet(theme, [tile(theme, assets, 30.0) for assets in tiles], 2, captions)
 
 
-def draw_reading() -> Image:
+def draw_reading(theme: Theme) -> Image:
     """Draw a saved map image next to the game's view of it."""
     assets = map_assets("house", make_config())
-    game = tile(assets, 30.0)
+    game = tile(theme, assets, 30.0)
     x, y = corners(assets).T
     column, row = np.floor(np.stack(assets.occupancy.world_to_cell(x, y)) + 0.5).astype(int)
     saved = assets.occupancy.grey[row.min() : row.max() + 1, column.min() : column.max() + 1]
-    saved = cv2.resize(saved, game.shape[1::-1], interpolation=cv2.INTER_NEAREST)
-    return sheet([cv2.cvtColor(saved, cv2.COLOR_GRAY2RGB), game], 2, ("the image that SLAM saved", "what is played on"))
+    saved = cv2.cvtColor(cv2.resize(saved, game.shape[1::-1], interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2RGB)
+    return sheet(theme, [saved, game], 2, ("the image that SLAM saved", "what is played on"))
 
 
-def draw_houses() -> Image:
+def draw_houses(theme: Theme) -> Image:
     levels = [*range(8), *range(TEST_LEVEL, TEST_LEVEL + 4)]
     assets = [prepare_level(level, make_config()) for level in levels]
     captions = [f"{'test' if level >= TEST_LEVEL else 'train'}: level {level:,}" for level in levels]
-    return sheet([tile(one) for one in assets], 4, captions)
+    return sheet(theme, [tile(theme, one) for one in assets], 4, captions)
 
 
-def draw_observations() -> Image:
+def draw_observations(theme: Theme) -> Image:
     """Draw one instant as a picture for people, as the lidar scan, and as the grid."""
     env = play(5, 24, map="open_plan", ghosts=2, observation=("features", "scan", "grid"))
     stepped = env.step(int(env.batch.hold))[0]
-    frame = render_frame(env.batch, 0, height=420)
-    pictures = [frame, _scan_picture(env, stepped["scan"], frame.shape[0]), _grid_picture(stepped["grid"])]
-    return sheet(pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot"))
+    frame = render_frame(env.batch, 0, height=420, theme=theme)
+    pictures = frame, _scan_picture(theme, env, stepped["scan"], len(frame)), _grid_picture(theme, stepped["grid"])
+    return sheet(
+        theme, pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot")
+    )
 
 
-def _scan_picture(env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
+def _scan_picture(theme: Theme, env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
     """Draw the ends of the rays around the robot, its heading up, with rings every metre."""
+    walls, *_, robot, page, seen, rings = _SEEN[theme]
     limit_m = 6.5
-    image = np.full((size, size, 3), 255, dtype=np.uint8)
+    image = np.full((size, size, 3), page, dtype=np.uint8)
     middle, scale = (size - 1) / 2, size / (2 * limit_m)
     angle = 2 * np.pi * np.arange(len(ranges)) / len(ranges)
     points = np.stack([middle - scale * ranges * np.sin(angle), middle - scale * ranges * np.cos(angle)], axis=1)
-    cv2.fillPoly(image, [np.rint(points * 16).astype(np.int32)], (232, 240, 252), cv2.LINE_AA, 4)
+    cv2.fillPoly(image, [np.rint(points * 16).astype(np.int32)], seen, cv2.LINE_AA, 4)
     centre = (round(middle), round(middle))
     for ring in range(1, 7):
-        cv2.circle(image, centre, round(ring * scale), (206, 212, 222), 1, cv2.LINE_AA)
+        cv2.circle(image, centre, round(ring * scale), rings, 1, cv2.LINE_AA)
     for x, y in points[ranges < env.config.observation.scan_maximum_m]:
-        cv2.circle(image, (round(x * 16), round(y * 16)), 30, _WALLS, -1, cv2.LINE_AA, 4)
-    cv2.line(image, centre, (centre[0], round(middle - scale * ranges[0])), _ROBOT, 1, cv2.LINE_AA)
-    cv2.circle(image, centre, round(env.config.robot.radius_m * scale), _ROBOT, -1, cv2.LINE_AA)
-    paste(image, middle + 6, middle - 0.5 * scale, text("ray 0", 9, False, _ROBOT, (232, 240, 252)))
-    paste(image, middle + scale * 3 + 3, middle, text("3 m", 8, False, MUTED, (255, 255, 255)))
+        cv2.circle(image, (round(x * 16), round(y * 16)), 30, walls, -1, cv2.LINE_AA, 4)
+    cv2.line(image, centre, (centre[0], round(middle - scale * ranges[0])), robot, 1, cv2.LINE_AA)
+    cv2.circle(image, centre, round(env.config.robot.radius_m * scale), robot, -1, cv2.LINE_AA)
+    paste(image, middle + 6, middle - 0.5 * scale, text("ray 0", 9, False, robot, seen))
+    paste(image, middle + scale * 3 + 3, middle, text("3 m", 8, False, THEMES[theme].muted, page))
     return image
 
 
-def _grid_picture(grid: NDArray[np.uint8], times: int = 6) -> Image:
-    image = np.full((*grid.shape[:2], 3), _FLOOR, dtype=np.uint8)
-    for channel, colour in enumerate((_WALLS, _PELLETS, _GHOSTS, _ROBOT)):
+def _grid_picture(theme: Theme, grid: NDArray[np.uint8], times: int = 6) -> Image:
+    walls, floor, *others = _SEEN[theme][:5]
+    image = np.full((*grid.shape[:2], 3), floor, dtype=np.uint8)
+    for channel, colour in enumerate((walls, *others)):
         image[grid[:, :, channel] > 0] = colour
     return np.repeat(np.repeat(image, times, axis=0), times, axis=1)
 
 
 #: Functions that draw the pictures, by file name in docs/images.
-PICTURES: dict[str, Callable[[], Image]] = {
+PICTURES: dict[str, Callable[[Theme], Image]] = {
     draw.__name__.removeprefix("draw_"): draw
     for draw in (
         draw_replay,
@@ -201,20 +208,29 @@ PICTURES: dict[str, Callable[[], Image]] = {
 }
 
 
+NAMES = (*PICTURES, "round", "round-dark", "learning")
+
+
+def save(name: str, path: Path, theme: Theme = "light") -> None:
+    with replaced(prepare(path)) as temporary:
+        cv2.imwrite(str(temporary), PICTURES[name](theme)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    add_names(parser, "picture", [*PICTURES, "round"])
+    add_names(parser, "picture", NAMES)
     add_images(parser)
     return run_command(parser, argv, _draw)
 
 
 def _draw(arguments: argparse.Namespace) -> None:
-    for name in arguments.names or [*PICTURES, "round"]:
-        if name == "round":
-            save_round(prepare(arguments.out / "round.webp"))
-            continue
-        with replaced(prepare(arguments.out / f"{name}.png")) as temporary:
-            cv2.imwrite(str(temporary), PICTURES[name]()[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    for name in arguments.names or NAMES:
+        if name == "learning":
+            write_text(arguments.out / "learning.svg", learning.draw(store.read()["maskable_ppo"]))
+        elif name in PICTURES:
+            save(name, arguments.out / f"{name}.png")
+        else:
+            save_round(prepare(arguments.out / f"{name}.webp"), "dark" if name == "round-dark" else "light")
 
 
 if __name__ == "__main__":

@@ -23,13 +23,13 @@ from pacman_env.config import Config
 from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
-from pacman_env.evaluation.replay import save_video
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
+from pacman_env.render.palette import THEMES, Theme
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
-from tools.common import IMAGES, ROOT, add_check, as_arguments, number, table, update
+from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS
 from tools.reference import columns_of
@@ -213,26 +213,31 @@ def _agents(env_id: str) -> list[list[str]]:
     return rows
 
 
-def pictures(env: Any) -> Iterator[Any]:
-    """Yield pictures of the first round: after each decision of ``nearest``, or while driving a curve."""
+def moments(env: Any) -> Iterator[None]:
+    """Play the first round, and pause after each decision of ``nearest``, or while driving a curve."""
     env.reset(seed=1)
     policy = make_policy("nearest")
     policy.reset(np.ones(1, dtype=np.bool_), env.config)
     drives = env.config.action == "velocity"
     for _ in range(48 if env.config.decisions.when == "tick" else 20):
-        yield render_frame(env.batch, 0, height=360)
+        yield
         action = np.array([0.1, 0.2]) if drives else env.action_of(policy.select(env.situation))[0]
         if any(env.step(action)[2:4]):
             break
-    yield render_frame(env.batch, 0, height=360)
+    yield
 
 
 def write(env_id: str, folder: Path) -> None:
-    """Write a film of an id, and show it on the page, which the folder contains."""
+    """Write a light and a dark film of an id, and show them on the page, which the folder contains."""
     env: Any = gym.make(env_id).unwrapped
-    name, between_s = file_name(env_id), 1.0 if env.config.decisions.when == "tick" else 4.0
-    save_video(islice(pictures(env), 0, None, 2), folder / f"{name}.gif", between_s)
-    file, film = folder / f"{name}.md", f"![The beginning of a round of {name}, animated]({name}.gif)"
+    name, frame_ms = file_name(env_id), 250 if env.config.decisions.when == "tick" else 1000
+    films: dict[Theme, list[Any]] = {theme: [] for theme in THEMES}
+    for _ in islice(moments(env), 0, None, 2):
+        for theme, frames in films.items():
+            frames.append(render_frame(env.batch, 0, height=360, theme=theme))
+    for theme, frames in films.items():
+        save_film(frames, folder / f"{name}{SUFFIXES[theme]}.webp", frame_ms, frame_ms + 1500)
+    file, film = folder / f"{name}.md", f"![The beginning of a round of {name}, animated]({name}.webp)"
     page_text = re.sub(r"!\[.*?\]\(.*?\)", film, file.read_text(encoding="utf-8"), count=1)
     file.write_text(page_text, encoding="utf-8")
 

@@ -88,6 +88,7 @@ def _add_play(commands: Any) -> None:
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     add("--fps", type=number, default=20.0, help="approximate frames per second (%(default)s)")
     add("--speed", type=number, default=1.0, help="speed relative to real time (%(default)s)")
+    add("--theme", choices=("light", "dark"), default="light", help="colours of the window (%(default)s)")
     play.set_defaults(run=_play)
 
 
@@ -112,6 +113,7 @@ def _play(arguments: argparse.Namespace) -> int:
     try:
         window.require_screen()
         env = PacManBotEnv(arguments.map, preset=arguments.preset, settings=settings, render_mode="rgb_array")
+        env.theme = arguments.theme
         play(Player(env, seed=arguments.seed, speed=arguments.speed), window, fps=arguments.fps)
     finally:
         window.close()

@@ -143,7 +143,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     - `preset`: `robot` (as measured), `ideal` (perfect localization), `arcade` (power pellets and four ghosts), or a
       custom preset.
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
-    - `render_mode`: `"rgb_array"`, or `"human"` for a window.
+    - `render_mode`: `"rgb_array"`, or `"human"` for a window; `env.unwrapped.theme = "dark"` draws dark pictures.
     - `flat`: use the settings of `pacman_env/PacManBotFlat-v1`; your own settings override them.
     - `defaults`: settings with lower priority than `settings`; ids of variants use them (`docs/environments/ids.md`).
 

@@ -31,6 +31,7 @@ from pacman_env.game.goals import goal_name
 from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.render.frames import render_frame
+from pacman_env.render.palette import THEMES, Theme
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
 
@@ -113,8 +114,8 @@ class RecordedGame:
         x, y = situation.position[0, candidate].tolist()
         return f"{goal_name(assets.pellet_ids.tolist(), goal)} at ({x:.2f}, {y:.2f})"
 
-    def picture(self, height: int) -> Frame:
-        return render_frame(self._batch, 0, height=height, title=self.name)
+    def picture(self, height: int, theme: Theme = "light") -> Frame:
+        return render_frame(self._batch, 0, height=height, title=self.name, theme=theme)
 
     def outcome(self) -> str:
         batch, game = self._batch, self._batch.games[0]
@@ -127,15 +128,15 @@ class RecordedGame:
         return f"{end} after {seconds:.1f} s, {pellets}{lost}{caught}"
 
 
-def film(games: Sequence[RecordedGame], height: int) -> Iterator[Frame]:
+def film(games: Sequence[RecordedGame], height: int, theme: Theme = "light") -> Iterator[Frame]:
     """Yield one frame per tick, the games next to each other, until all games have ended."""
-    panels = [game.picture(height) for game in games]
+    panels = [game.picture(height, theme) for game in games]
     yield np.hstack(panels)
     while not all(game.over for game in games):
         for k, game in enumerate(games):
             if not game.over:
                 game.step()
-                panels[k] = game.picture(height)
+                panels[k] = game.picture(height, theme)
         yield np.hstack(panels)
 
 
@@ -147,8 +148,8 @@ def record_games(
     return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
 
-def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480) -> None:
-    save_video(film(games, height), path, games[0].tick_s)
+def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480, theme: Theme = "light") -> None:
+    save_video(film(games, height, theme), path, games[0].tick_s)
 
 
 def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
@@ -233,6 +234,7 @@ def make_parser() -> Parser:
     scenarios.add_game_arguments(parser, several=False)
     out_help = f"file to write: {', '.join(_SUFFIXES)} (results/replay-SEED.mp4)"
     parser.add_argument("--out", type=Path, metavar="FILE", help=out_help)
+    parser.add_argument("--theme", choices=THEMES, default="light", help="colours of the film (%(default)s)")
     return parser
 
 
@@ -251,7 +253,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     level = f", level {games[0].level}" if arguments.levels else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
     title = f"Round {arguments.seed} on {place}{level}, {speed}"
-    _write(out, games, title)
+    _write(out, games, title, arguments.theme)
     print(title)
     for game in games:
         print(f"\n{game.name}: {game.outcome()}")
@@ -260,13 +262,13 @@ def _replay(arguments: argparse.Namespace) -> None:
     print(f"\nwritten: {out}")
 
 
-def _write(out: Path, games: Sequence[RecordedGame], title: str) -> None:
+def _write(out: Path, games: Sequence[RecordedGame], title: str, theme: Theme) -> None:
     if out.suffix != ".html":
-        film_games(games, out)
+        film_games(games, out, theme=theme)
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
-        film_games(games, path)
+        film_games(games, path, theme=theme)
         video = base64.b64encode(path.read_bytes()).decode()
     text = render("replay.html.j2", title=title, video=video, games=games)
     write_text(out, text)

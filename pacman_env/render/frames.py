@@ -12,8 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
-
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
 from ..game.power import BLINKING, FRIGHTENED, HARMLESS_UNTIL, frightened_colour, is_away, is_harmless
@@ -21,18 +19,9 @@ from ..sim.core.batch import GameBatch
 from ..sim.maps.assets import MapAssets
 from ..world.navigation.paths import AT_GOAL, NO_STEP
 from . import symbols
-from .symbols import Colour, Image
+from .palette import STATES, THEMES, Colour, Theme
+from .symbols import Image
 
-FLOOR, WALL, UNKNOWN, OUT_OF_REACH = (253, 253, 250), (44, 50, 66), (197, 202, 209), (226, 228, 231)
-HEADER, TEXT, MUTED, PAGE, INK = (27, 31, 43), (245, 246, 248), (164, 172, 186), (241, 242, 244), (38, 42, 54)
-#: Text, background colour and text colour for each state of a game.
-STATES: dict[int, tuple[str, Colour, Colour]] = {
-    RUNNING: ("RUNNING", (46, 125, 50), (255, 255, 255)),
-    DEAD: ("CAUGHT", (200, 32, 32), (255, 255, 255)),
-    COMPLETE: ("COMPLETE", (255, 214, 0), (30, 30, 30)),
-    CLEARED: ("CLEARED", (240, 200, 120), (30, 30, 30)),
-    TIMEOUT: ("TIME-OUT", (112, 118, 132), (255, 255, 255)),
-}
 _KEPT_VIEWS, _KEPT_LAYERS = 8, 4
 _POWER = 1.8  # size of a power pellet relative to a pellet
 
@@ -71,9 +60,14 @@ class MapView:
     larger than their real size to be visible.
     """
 
-    def __init__(self, assets: MapAssets, config: Config, height: int, wide: bool = False) -> None:
+    def __init__(
+        self, assets: MapAssets, config: Config, height: int, wide: bool = False, theme: Theme = "light"
+    ) -> None:
         if height < 120 or height % 2:
             raise ValueError(f"height = {height!r}: must be an even number of at least 120")
+        if theme not in THEMES:
+            raise ValueError(f"theme = {theme!r}: must be {' or '.join(THEMES)}")
+        self.colours = THEMES[theme]
         self.assets, self.config, self.height, self._wide = assets, config, height, wide
         self.unit = height / 720
         self.line = max(1.5 * self.unit, 0.9)  # width
@@ -84,6 +78,10 @@ class MapView:
         self.sizes = np.where(self._power, _POWER, 1.0) * self.pellet_px
         self.background = self._background()
         self._drawn = functools.lru_cache(maxsize=_KEPT_LAYERS)(self._draw_layer)
+
+    @property
+    def enlarged(self) -> float:
+        return self.body_px / (self.config.robot.radius_m * self.scale)
 
     def pixels(self, xy: NDArray[np.floating]) -> NDArray[np.float64]:
         """Convert positions (..., 2) in m to pixels (..., 2), whole numbers at pixel centres."""
@@ -106,7 +104,7 @@ class MapView:
     def _draw_layer(self, alive: bytes) -> Image:
         picture = self.background.copy()
         for centre, exists, size in zip(self.goals, alive, self.sizes, strict=False):
-            symbols.pellet(picture, centre, size, bool(exists))
+            symbols.pellet(picture, self.colours, centre, size, bool(exists))
         return picture
 
     def _arrange(self) -> None:
@@ -139,60 +137,64 @@ class MapView:
         unit, radius = self.unit, self.config.robot.radius_m
         self.scale = scale
         self.body_px = max(radius * scale, 8.0 * unit, 4.5)
-        self.enlarged = self.body_px / (radius * scale)
         self.pellet_px = min(max(0.08 * scale, 4.0 * unit, 2.2), max(6.5 * unit, 2.2))
         self.mark_px = min(max(0.11 * scale, 6.0 * unit, 3.5), max(9.0 * unit, 3.5))
 
     def _legend_items(self) -> list[_Item]:
         r, cap, line = max(8 * self.unit, 4.5), max(9.5 * self.unit, 5.5), self.line
         bar_m = next(m for m in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if m * self.scale >= 28 * self.unit)
-        bar, aside = 0.5 * bar_m * self.scale, np.array([1.0, 0.0])
+        bar, aside, colours = 0.5 * bar_m * self.scale, np.array([1.0, 0.0]), self.colours
 
         def goal(image: Image, at: NDArray) -> None:
-            symbols.plan(image, np.array([at - 1.7 * r * aside, at + 0.3 * r * aside]), 1.6 * line)
-            symbols.pellet(image, at + r * aside, 0.4 * r, True)
-            symbols.goal_ring(image, at + r * aside, 0.7 * r, line)
+            symbols.plan(image, colours, np.array([at - 1.7 * r * aside, at + 0.3 * r * aside]), 1.6 * line)
+            symbols.pellet(image, colours, at + r * aside, 0.4 * r, True)
+            symbols.goal_ring(image, colours, at + r * aside, 0.7 * r, line)
+
+        def ghost(colour: Colour | None) -> _Draw:
+            return lambda image, at: symbols.ghost(image, colours, at, r, aside, colour)
 
         times = f" ({self.enlarged:.1f}x)" if self.enlarged > 1.05 else ""
         entries: list[tuple[str, float, _Draw]] = [
-            (f"{bar_m} m", bar, lambda i, at: symbols.scale_bar(i, at, bar, 0.5 * r, INK)),
-            (f"robot{times}", r, lambda i, at: symbols.pac_man(i, at, r, 0.0)),
+            (f"{bar_m} m", bar, lambda i, at: symbols.scale_bar(i, at, bar, 0.5 * r, colours.ink)),
+            (f"robot{times}", r, lambda i, at: symbols.pac_man(i, colours, at, r, 0.0)),
         ]
         if not self.config.localization.perfect:
             shift, radius = 0.25 * r * aside, 0.85 * r
-            outline: _Draw = lambda i, at: symbols.believed_pose(i, at - shift, radius, 0.0, line)  # noqa: E731
+            outline: _Draw = lambda i, at: symbols.believed_pose(i, colours, at - shift, radius, 0.0, line)  # noqa: E731
             entries.append(("believed pose", 1.2 * r, outline))
-        ghost = functools.partial(symbols.ghost, radius=r, eyes=aside)
         for name, behaviour, colour in zip(GHOST_NAMES, self.config.clyde.ghosts, symbols.GHOSTS, strict=False):
             does = "" if behaviour == "wander" else f" ({behaviour})"
-            entries.append((f"{name.capitalize()}{does}{times}", r, functools.partial(ghost, colour=colour)))
+            entries.append((f"{name.capitalize()}{does}{times}", r, ghost(colour)))
         states = {"frightened": FRIGHTENED, "about to recover": BLINKING, "caught": None}
         power: list[tuple[str, float, _Draw]] = [
-            ("power pellet", r, lambda i, at: symbols.pellet(i, at, r, True)),
-            *((state, r, functools.partial(ghost, colour=colour)) for state, colour in states.items()),
+            ("power pellet", r, lambda i, at: symbols.pellet(i, colours, at, r, True)),
+            *((state, r, ghost(colour)) for state, colour in states.items()),
         ]
         entries += [
-            ("catch radius", r, lambda i, at: symbols.catch_circle(i, at, r, line)),
-            ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, True)),
-            ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, at, 0.6 * r, False)),
+            ("catch radius", r, lambda i, at: symbols.catch_circle(i, colours, at, r, line)),
+            ("pellet", 0.6 * r, lambda i, at: symbols.pellet(i, colours, at, 0.6 * r, True)),
+            ("collected", 0.6 * r, lambda i, at: symbols.pellet(i, colours, at, 0.6 * r, False)),
             *(power if self._power.any() else ()),
             ("goal, plan", 1.7 * r, goal),
-            ("home", r, lambda i, at: symbols.home(i, at, 0.95 * r)),
-            ("refuge", 0.8 * r, lambda i, at: symbols.refuge(i, at, 0.9 * r)),
+            ("home", r, lambda i, at: symbols.home(i, colours, at, 0.95 * r)),
+            ("refuge", 0.8 * r, lambda i, at: symbols.refuge(i, colours, at, 0.9 * r)),
         ]
         gap = max(21 * self.unit, 11)
-        return [_Item(half, draw, symbols.text(name, cap, False, INK, PAGE), gap) for name, half, draw in entries]
+        return [
+            _Item(half, draw, symbols.text(name, cap, False, colours.ink, colours.page), gap)
+            for name, half, draw in entries
+        ]
 
     def _background(self) -> Image:
-        image = np.full((self.height, self.width, 3), UNKNOWN, dtype=np.uint8)
-        image[: self.header] = HEADER
-        image[self._legend_top :] = PAGE
+        image = np.full((self.height, self.width, 3), self.colours.unknown, dtype=np.uint8)
+        image[: self.header] = self.colours.header
+        image[self._legend_top :] = self.colours.page
         (left, top), (width, height) = self._left_top, self._map
         image[top : top + height, left : left + width] = self._draw_map()
         home, places = self.goals[self.assets.pellets], self.goals[self.assets.pellets + 1 :]
         for centre in places:
-            symbols.refuge(image, centre, self.mark_px)
-        symbols.home(image, home, 1.15 * self.mark_px)
+            symbols.refuge(image, self.colours, centre, self.mark_px)
+        symbols.home(image, self.colours, home, 1.15 * self.mark_px)
         for line, y in zip(self._legend, self._legend_rows, strict=True):
             x = (self.width - sum(item.width for item in line) + line[-1].gap) / 2
             for item in line:
@@ -221,10 +223,10 @@ class MapView:
         factor = (self._map / self._cells).max()
         if factor < 1:  # otherwise thin walls would fade
             wall = cv2.dilate(wall.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
-        colours = np.full((*free.shape, 3), UNKNOWN, dtype=np.uint8)
-        colours[free] = OUT_OF_REACH
-        colours[free & reachable] = FLOOR
-        colours[wall] = WALL
+        colours = np.full((*free.shape, 3), self.colours.unknown, dtype=np.uint8)
+        colours[free] = self.colours.out_of_reach
+        colours[free & reachable] = self.colours.floor
+        colours[wall] = self.colours.wall
         if factor > 1:  # repeat cells first, so that their edges stay sharp at every scale
             k = math.ceil(factor)
             colours = np.repeat(np.repeat(colours, k, axis=0), k, axis=1)
@@ -247,12 +249,14 @@ def _crop(assets: MapAssets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
-def game_view(batch: GameBatch, game: int, height: int) -> MapView:
+def game_view(batch: GameBatch, game: int, height: int, theme: Theme = "light") -> MapView:
     """Return the view of a game's map; all views of one batch have the same size."""
-    return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1)
+    return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1, theme)
 
 
-def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str | None = None) -> Image:
+def render_frame(
+    batch: GameBatch, game: int, *, height: int = 720, title: str | None = None, theme: Theme = "light"
+) -> Image:
     """Draw the present state of one game of a batch.
 
     The map has the orientation of its image: x to the right and y up if the map's origin has no yaw. The robot is at
@@ -264,17 +268,18 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
         game: index of the game.
         height: px, even.
         title: text at the upper left, such as the policy's name; None: only the map's name.
+        theme: "light" or "dark": the colours.
 
     Returns:
         A new array (height, width, 3), uint8, RGB.
 
     Raises:
-        ValueError: ``height`` is odd or below 120.
+        ValueError: ``height`` is odd or below 120, or there is no such ``theme``.
         IndexError: there is no such game.
     """
     if not 0 <= game < batch.n:
         raise IndexError(f"game = {game}: the batch has games 0..{batch.n - 1}")
-    view = game_view(batch, game, height)
+    view = game_view(batch, game, height, theme)
     g, ghosts = batch.games[game], batch.ghosts[game]
     image = view.layer(batch.alive[game, : view.assets.pellets]).copy()
     places = view.pixels(np.stack([ghosts["x"], ghosts["y"]], axis=1))
@@ -282,16 +287,16 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
     states, step = batch.obstacles[game], int(g["step"])
     for place, state in zip(places, states, strict=True):
         if not is_harmless(state, step):
-            symbols.catch_circle(image, place, danger, view.line)
+            symbols.catch_circle(image, view.colours, place, danger, view.line)
     _draw_goal(image, view, batch, game)
     robot = view.pixels(np.array([g["x"], g["y"]]))
-    symbols.pac_man(image, robot, view.body_px, view.angle(float(g["heading"])))
+    symbols.pac_man(image, view.colours, robot, view.body_px, view.angle(float(g["heading"])))
     if not batch.config.localization.perfect:
         x, y, heading = _believed(g, batch.config)
         believed = view.pixels(np.array([x, y]))
-        symbols.believed_pose(image, believed, view.body_px, view.angle(heading), view.line)
+        symbols.believed_pose(image, view.colours, believed, view.body_px, view.angle(heading), view.line)
     for place, vx, vy, state, own in zip(places, ghosts["vx"], ghosts["vy"], states, symbols.GHOSTS, strict=False):
-        colour: symbols.Colour | None = own
+        colour: Colour | None = own
         if is_away(state, step):
             colour = None
         elif is_harmless(state, step):
@@ -299,7 +304,7 @@ def render_frame(batch: GameBatch, game: int, *, height: int = 720, title: str |
             colour = frightened_colour(left_s, batch.config.power.warning_s)
         angle = view.angle(math.atan2(vy, vx))
         eyes = np.array([math.cos(angle), math.sin(angle)]) if vx or vy else np.zeros(2)
-        symbols.ghost(image, place, view.body_px, eyes, colour)
+        symbols.ghost(image, view.colours, place, view.body_px, eyes, colour)
     _draw_header(image, view, batch, game, title)
     return image
 
@@ -318,15 +323,15 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
         written = batch.paths[game, at:points].astype(np.float64)
         rest = _rest_of_plan(assets, int(g["nav_tail"]), goal, written[-1])
         robot, *path = view.pixels(np.concatenate([[(g["x"], g["y"])], written[1:], rest]))
-        symbols.plan(image, _outside(np.array(path).reshape(-1, 2), robot, view.body_px), 1.6 * view.line)
+        symbols.plan(image, view.colours, _outside(np.array(path).reshape(-1, 2), robot, view.body_px), 1.6 * view.line)
     pursued = int(g["pursued"])
     if pursued >= 0:
         if pursued < batch.pellet_slots:
             centre = view.goals[pursued]
-            symbols.pellet(image, centre, view.sizes[pursued], True)
+            symbols.pellet(image, view.colours, centre, view.sizes[pursued], True)
         else:
             centre = view.goals[assets.pellets + pursued - batch.pellet_slots]
-        symbols.goal_ring(image, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)
+        symbols.goal_ring(image, view.colours, centre, max(1.9 * view.pellet_px, 1.4 * view.mark_px), 1.3 * view.line)
 
 
 def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
@@ -366,13 +371,13 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
         """Write words with their colours and following gaps, px, up to the column ``end``."""
         at = left
         for word, colour, gap in words:
-            picture = symbols.text(word, cap, colour == TEXT, colour, HEADER)
+            picture = symbols.text(word, cap, colour == view.colours.text, colour, view.colours.header)
             symbols.paste(image[:, : round(end)], at, row, picture)
             at += picture.shape[1] + gap
 
-    name = batch.assets_of(game).occupancy.name
+    name, text, muted = batch.assets_of(game).occupancy.name, view.colours.text, view.colours.muted
     gap = max(12 * unit, 5)
-    write([(title, TEXT, gap), (name, MUTED, gap)] if title else [(name, TEXT, gap)], upper, max(15 * unit, 7), x - pad)
+    write([(title, text, gap), (name, muted, gap)] if title else [(name, text, gap)], upper, max(15 * unit, 7), x - pad)
     seconds = int(g["step"] * batch.config.physics_step_s)
     values = {
         "time": f"{seconds // 60:02d}:{seconds % 60:02d}",
@@ -383,5 +388,5 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     shown = {"caught": power, "round": endless, "score": endless or power}
     values |= {name: str(g[name]) for name, is_shown in shown.items() if is_shown}
     gaps = [max(gap * unit, gap / 3) for gap in (6, 26)]
-    pairs = [((label, MUTED, gaps[0]), (value, TEXT, gaps[1])) for label, value in values.items()]
+    pairs = [((label, muted, gaps[0]), (value, text, gaps[1])) for label, value in values.items()]
     write([word for pair in pairs for word in pair], lower, max(12.5 * unit, 6), view.width)

@@ -15,14 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..game import ghosts
+from .palette import Colour, Palette
 
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
-Colour = tuple[int, int, int]
 
-PAC, OUTLINE, EYE, PUPIL = (255, 214, 0), (48, 42, 24), (255, 255, 255), (22, 40, 110)
 GHOSTS = tuple(ghost.colour for ghost in ghosts.GHOSTS)
-PLAN, BELIEF, DANGER = (25, 103, 210), (142, 36, 170), (214, 40, 40)
-PLACE, PLACE_FILL, COLLECTED = (0, 128, 110), (222, 244, 238), (160, 164, 172)
 
 _OVERSAMPLE = 4
 _SHIFT = 4  # fractional bits of coordinates for OpenCV
@@ -90,77 +87,77 @@ _HOUSE_SHAPE = np.array(
 _DIAMOND_SHAPE = np.array([(0, -1.05), (0.85, 0), (0, 1.05), (-0.85, 0)])
 
 
-def pac_man(image: Image, centre: NDArray, radius: float, angle: float) -> None:
+def pac_man(image: Image, palette: Palette, centre: NDArray, radius: float, angle: float) -> None:
     c, s = math.cos(angle), math.sin(angle)
     width = _outline(radius)
     shape = (radius - 0.5 * width) * _PAC_SHAPE @ np.array([(c, s), (-s, c)])
     with _pen(image, centre, radius + 2) as pen:
-        pen.polygon(centre + shape, PAC, OUTLINE, width)
+        pen.polygon(centre + shape, palette.pac, palette.outline, width)
 
 
-def ghost(image: Image, centre: NDArray, radius: float, eyes: NDArray, colour: Colour | None) -> None:
+def ghost(image: Image, palette: Palette, centre: NDArray, radius: float, eyes: NDArray, colour: Colour | None) -> None:
     """Draw a ghost that looks in the direction ``eyes``; only its eyes, with an edge, if ``colour`` is None."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
         if colour is not None:
-            pen.polygon(centre + radius * _GHOST_SHAPE, colour, OUTLINE, width)
+            pen.polygon(centre + radius * _GHOST_SHAPE, colour, palette.ghost_outline, width)
         for side in (-0.36, 0.36):
             eye = centre + radius * (np.array([side, -0.2]) + 0.1 * eyes)
             if colour is None:
-                pen.disc(eye, 0.29 * radius + 0.7 * width, OUTLINE)
-            pen.disc(eye, 0.29 * radius, EYE)
-            pen.disc(eye + 0.12 * radius * eyes, 0.16 * radius, PUPIL)
+                pen.disc(eye, 0.29 * radius + 0.7 * width, palette.outline)
+            pen.disc(eye, 0.29 * radius, palette.eye)
+            pen.disc(eye + 0.12 * radius * eyes, 0.16 * radius, palette.pupil)
 
 
-def catch_circle(image: Image, centre: NDArray, radius: float, width: float) -> None:
+def catch_circle(image: Image, palette: Palette, centre: NDArray, radius: float, width: float) -> None:
     """Draw a tinted disc with a dashed edge, in which a ghost catches the robot."""
     count = max(9, round(radius * 0.6))
     step = 2 * math.pi / count
     with _pen(image, centre, radius + width + 1) as pen:
         tinted = pen.patch.copy()
-        pen.disc(centre, radius, DANGER)
+        pen.disc(centre, radius, palette.danger)
         cv2.addWeighted(pen.patch, 0.16, tinted, 0.84, 0, dst=pen.patch)
         dashes = [centre + radius * _arc(k * step, (k + 0.55) * step, 6) for k in range(count)]
-        pen.lines(dashes, DANGER, width)
+        pen.lines(dashes, palette.danger, width)
 
 
-def believed_pose(image: Image, centre: NDArray, radius: float, angle: float, width: float) -> None:
+def believed_pose(image: Image, palette: Palette, centre: NDArray, radius: float, angle: float, width: float) -> None:
     direction = np.array([math.cos(angle), math.sin(angle)])
     with _pen(image, centre, 1.5 * radius + 2) as pen:
-        pen.disc(centre, radius, BELIEF, width)
-        pen.lines([[centre + radius * direction, centre + 1.5 * radius * direction]], BELIEF, width)
+        pen.disc(centre, radius, palette.belief, width)
+        pen.lines([[centre + radius * direction, centre + 1.5 * radius * direction]], palette.belief, width)
 
 
-def pellet(image: Image, centre: NDArray, radius: float, there: bool) -> None:
+def pellet(image: Image, palette: Palette, centre: NDArray, radius: float, there: bool) -> None:
     """Draw a pellet, or the faint ring of a collected one."""
     with _pen(image, centre, radius + 2) as pen:
         if there:
-            pen.disc(centre, radius, OUTLINE)
-            pen.disc(centre, radius - 1.2 * _outline(radius), PAC)
+            pen.disc(centre, radius, palette.outline)
+            pen.disc(centre, radius - 1.2 * _outline(radius), palette.pac)
         else:
-            pen.disc(centre, 0.85 * radius, COLLECTED, 0.9)
+            pen.disc(centre, 0.85 * radius, palette.collected, 0.9)
 
 
-def goal_ring(image: Image, centre: NDArray, radius: float, width: float) -> None:
+def goal_ring(image: Image, palette: Palette, centre: NDArray, radius: float, width: float) -> None:
     with _pen(image, centre, radius + width + 1) as pen:
-        pen.disc(centre, radius, PLAN, width)
+        pen.disc(centre, radius, palette.plan, width)
 
 
-def plan(image: Image, points: NDArray, width: float) -> None:
+def plan(image: Image, palette: Palette, points: NDArray, width: float) -> None:
     fixed = np.rint(points * (1 << _SHIFT)).astype(np.int32)
-    cv2.polylines(image, [fixed], False, PLAN, max(1, round(width)), cv2.LINE_AA, _SHIFT)
+    cv2.polylines(image, [fixed], False, palette.plan, max(1, round(width)), cv2.LINE_AA, _SHIFT)
 
 
-def home(image: Image, centre: NDArray, radius: float) -> None:
+def home(image: Image, palette: Palette, centre: NDArray, radius: float) -> None:
     door = np.array([(-0.24, 0.9), (-0.24, 0.25), (0.24, 0.25), (0.24, 0.9)])
     with _pen(image, centre, 1.3 * radius + 2) as pen:
-        pen.polygon(centre + radius * _HOUSE_SHAPE, PLACE, PLACE, 0.5)
-        pen.polygon(centre + radius * door, PLACE_FILL, PLACE_FILL, 0.25)
+        pen.polygon(centre + radius * _HOUSE_SHAPE, palette.place, palette.place, 0.5)
+        pen.polygon(centre + radius * door, palette.place_fill, palette.place_fill, 0.25)
 
 
-def refuge(image: Image, centre: NDArray, radius: float) -> None:
+def refuge(image: Image, palette: Palette, centre: NDArray, radius: float) -> None:
     with _pen(image, centre, 1.2 * radius + 2) as pen:
-        pen.polygon(centre + radius * _DIAMOND_SHAPE, PLACE_FILL, PLACE, 1.3 * _outline(radius))
+        pen.polygon(centre + radius * _DIAMOND_SHAPE, palette.place_fill, palette.place, 1.3 * _outline(radius))
 
 
 def scale_bar(image: Image, centre: NDArray, half: float, radius: float, colour: Colour) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import install_command
+from .palette import Theme
 
 _KEPT_INPUTS = 256
 _SHIFTED = "?+"  # keys named by their character, independent of the keyboard layout
@@ -103,6 +104,7 @@ RENDER_FPS = 2  # one frame per decision, in real time
 class Display:
     """Mixin with ``render``, ``close`` and copying for environments with ``render_mode``, ``started`` and ``batch``."""
 
+    theme: Theme = "light"  #: the colours of the pictures: "light" or "dark"
     _window: Any = None
 
     def render(self: Any) -> NDArray[np.uint8] | None:
@@ -117,7 +119,7 @@ class Display:
             raise gym.error.ResetNeeded("call reset() before render()")
         from .frames import render_frame
 
-        frame = render_frame(self.batch, 0)
+        frame = render_frame(self.batch, 0, theme=self.theme)
         if self.render_mode == "rgb_array":
             return frame
         if self._window is None:

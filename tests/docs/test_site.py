@@ -11,7 +11,7 @@ import pytest
 
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from tests.pages import public_names
-from tools.common import ROOT
+from tools.common import ROOT, SUFFIXES
 from tools.ids import file_name
 
 COMMANDS = set(re.findall(r"^## `(.*)`", (ROOT / "docs" / "commands.md").read_text(), re.MULTILINE))
@@ -79,8 +79,10 @@ def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
     for title in [*titles, *(["Decision process", "Arguments", "Settings", "Version history"] if whole else [])]:
         assert re.search(rf"<h2>{title}<", text), title
     assert env_id in text
-    assert f"{file_name(env_id)}.gif" in text
-    assert (site / "_images" / f"{file_name(env_id)}.gif").stat().st_size < 400_000
+    for theme, suffix in SUFFIXES.items():
+        film = f"{file_name(env_id)}{suffix}.webp"
+        assert re.search(rf'class="only-{theme}"[^>]* src="[./]+/_images/{film}"', text)
+        assert (site / "_images" / film).stat().st_size < 350_000
     assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
 
 

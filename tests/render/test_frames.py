@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Config, make_config
+from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.power import FRIGHTENED
 from pacman_env.render import symbols
-from pacman_env.render.frames import STATES, MapView, map_view, render_frame
+from pacman_env.render.frames import MapView, map_view, render_frame
+from pacman_env.render.palette import LIGHT, STATES, THEMES, Colour, Theme
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapSource, map_assets
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
@@ -35,7 +38,7 @@ def corridor_view(yaw: float, height: int = 360) -> MapView:
     return map_view(map_assets(corridor(120, 100, yaw), config), config, height)
 
 
-def near(frame: np.ndarray, colour: symbols.Colour, within: int = 12) -> np.ndarray:
+def near(frame: np.ndarray, colour: Colour, within: int = 12) -> np.ndarray:
     """(M, 2) x, y of the map's pixels of about a colour."""
     view = frame[HEADER : -int(0.1 * len(frame))].astype(int)
     rows, columns = np.nonzero((abs(view - colour) <= within).all(axis=-1))
@@ -111,7 +114,7 @@ def test_pac_man_has_place_and_size_of_robot() -> None:
         x, y = drivable(batch, share)
         batch.games["x"], batch.games["y"] = x, y
         batch.ghosts["x"], batch.ghosts["y"] = drivable(batch, (share + 0.4) % 1)
-        offset = near(render_frame(batch, 0), symbols.PAC, 40) - view.pixels(np.array([x, y]))
+        offset = near(render_frame(batch, 0), LIGHT.pac, 40) - view.pixels(np.array([x, y]))
         assert len(offset) > 100
         assert np.hypot(*offset.T).max() <= 0.171 * view.scale
         assert np.hypot(*offset.T).max() > 0.8 * 0.171 * view.scale
@@ -122,7 +125,7 @@ def test_mouth_opens_along_the_heading(heading: float) -> None:
     batch = games(config=make_config("ideal"))
     batch.alive[:] = False
     batch.games["heading"] = heading
-    yellow = near(render_frame(batch, 0), symbols.PAC, 40)
+    yellow = near(render_frame(batch, 0), LIGHT.pac, 40)
     at = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
     back = yellow.mean(axis=0) - at
     assert np.hypot(*back) > 0.5
@@ -157,11 +160,11 @@ def test_collected_pellet_becomes_a_faint_ring() -> None:
     after = render_frame(batch, 0)
     at = pixels(batch, *batch.assets.goal_xy[3])
     x, y = np.rint(at).astype(int)
-    assert tuple(before[y, x]) == symbols.PAC
+    assert tuple(before[y, x]) == LIGHT.pac
     assert after[y, x].min() > 200
     rows, columns = np.nonzero((before != after).any(axis=-1))
     assert np.hypot(columns - at[0], rows - at[1]).max() < 12
-    assert (abs(after[y - 8 : y + 9, x - 8 : x + 9].astype(int) - symbols.COLLECTED) < 30).all(axis=-1).any()
+    assert (abs(after[y - 8 : y + 9, x - 8 : x + 9].astype(int) - LIGHT.collected) < 30).all(axis=-1).any()
 
 
 def test_ghost_and_its_circle_are_at_its_place() -> None:
@@ -172,7 +175,7 @@ def test_ghost_and_its_circle_are_at_its_place() -> None:
         frame = render_frame(batch, 0)
         at, scale = pixels(batch, x, y), map_view(batch.assets, batch.config, 720).scale
         assert np.hypot(*(near(frame, symbols.GHOSTS[0]) - at).T).max() < 0.25 * scale
-        edge = np.hypot(*(near(frame, symbols.DANGER, 40) - at).T)
+        edge = np.hypot(*(near(frame, LIGHT.danger, 40) - at).T)
         assert len(edge) > 20
         assert edge.mean() == pytest.approx(0.25 * scale, abs=1)
 
@@ -180,24 +183,24 @@ def test_ghost_and_its_circle_are_at_its_place() -> None:
 @pytest.mark.parametrize(("execution", "field"), [("robust", "error_x"), ("as_built", "amcl_x")])
 def test_frame_shows_the_executors_believed_pose(execution: str, field: str) -> None:
     batch = games(config=make_config("robot", execution))
-    plain = near(render_frame(batch, 0), symbols.BELIEF)
+    plain = near(render_frame(batch, 0), LIGHT.belief)
     batch.games[field] += 1.0
-    moved = near(render_frame(batch, 0), symbols.BELIEF)
+    moved = near(render_frame(batch, 0), LIGHT.belief)
     scale = map_view(batch.assets, batch.config, 720).scale
     shift = moved.max(axis=0) - plain.max(axis=0)
     np.testing.assert_allclose(shift, [scale, 0], atol=1.5)
-    assert len(near(render_frame(games(config=make_config("ideal")), 0), symbols.BELIEF)) == 0  # perfect localization
+    assert len(near(render_frame(games(config=make_config("ideal")), 0), LIGHT.belief)) == 0  # perfect localization
 
 
 def test_plan_leads_from_robot_to_goal() -> None:
     batch = games()
-    assert len(near(render_frame(batch, 0), symbols.PLAN)) == 0
+    assert len(near(render_frame(batch, 0), LIGHT.plan)) == 0
     pellets = batch.assets.pellets
     goal = int(batch.situation().path_robot[0, :pellets].argmax())
     for _ in range(4):
         batch.step(np.array([goal]))
     assert batch.games[0]["nav_points"] > 0
-    blue = near(render_frame(batch, 0), symbols.PLAN, 25)
+    blue = near(render_frame(batch, 0), LIGHT.plan, 25)
     robot = pixels(batch, batch.games[0]["x"], batch.games[0]["y"])
     view = map_view(batch.assets, batch.config, 720)
     target = view.goals[goal]
@@ -206,7 +209,7 @@ def test_plan_leads_from_robot_to_goal() -> None:
     assert len(blue) > np.hypot(*(target - robot))  # an unbroken line has at least that many pixels
     batch = games()  # a refuge pursued
     batch.games["pursued"] = batch.pellet_slots + 2
-    blue = near(render_frame(batch, 0), symbols.PLAN, 25)
+    blue = near(render_frame(batch, 0), LIGHT.plan, 25)
     at = pixels(batch, *batch.assets.goal_xy[batch.assets.pellets + 2])
     np.testing.assert_allclose(blue.mean(axis=0), at, atol=1)
 
@@ -247,11 +250,45 @@ def test_header_alone_shows_end_numbers_and_title() -> None:
         assert (titled[:HEADER] == STATES[RUNNING][1]).all(axis=-1).sum() > 500  # the state is not written over
 
 
-def test_bad_heights_and_games_are_named() -> None:
+def contrast(*colours: Colour) -> float:
+    """Return the contrast of two colours by WCAG 2."""
+    linear = np.array(colours) / 255
+    linear = np.where(linear <= 0.04045, linear / 12.92, ((linear + 0.055) / 1.055) ** 2.4)
+    low, high = sorted(linear @ (0.2126, 0.7152, 0.0722))
+    return float((high + 0.05) / (low + 0.05))
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_theme_is_readable_and_changes_colours_alone(theme: Theme) -> None:
+    chosen = THEMES[theme]
+    texts = (chosen.ink, chosen.page), (chosen.text, chosen.header), (chosen.muted, chosen.header)
+    assert min(contrast(*pair) for pair in [*texts, *(state[1:] for state in STATES.values())]) >= 4.5
+    outlined = [
+        (chosen.pac, chosen.outline),
+        *((colour, chosen.ghost_outline) for colour in [*symbols.GHOSTS, FRIGHTENED]),
+    ]
+    plain = [(colour,) for colour in (chosen.wall, chosen.plan, chosen.belief, chosen.danger, chosen.place)]
+    assert min(max(contrast(part, chosen.floor) for part in parts) for parts in [*outlined, *plain]) >= 3
+    env = PacManBotEnv(render_mode="rgb_array")
+    env.reset(seed=7)
+    env.theme = theme
+    frame, light = env.render(), render_frame(env.batch, 0)
+    assert frame is not None
+    np.testing.assert_array_equal(frame, render_frame(env.batch, 0, theme=theme))
+    assert frame.shape == light.shape
+    floor = [(picture == palette.floor).all(axis=-1) for picture, palette in ((frame, chosen), (light, LIGHT))]
+    assert floor[0].sum() > 100_000
+    assert (floor[0] != floor[1]).mean() < 0.01
+    np.testing.assert_array_equal(frame[:30, -60:], light[:30, -60:])  # the state has the same colours
+
+
+def test_bad_heights_themes_and_games_are_named() -> None:
     batch = games(n=2)
     for height in (0, 118, 361, -2):
         with pytest.raises(ValueError, match=f"height = {height}"):
             render_frame(batch, 0, height=height)
+    with pytest.raises(ValueError, match="theme = 'grey': must be light or dark"):
+        render_frame(batch, 0, theme="grey")  # type: ignore[arg-type]
     for game in (-1, 2):
         with pytest.raises(IndexError, match=f"game = {game}"):
             render_frame(batch, game)

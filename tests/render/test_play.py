@@ -8,8 +8,8 @@ import pytest
 from gymnasium import spaces
 
 from pacman_env.cli.main import main
-from pacman_env.render import symbols
 from pacman_env.render.frames import MapView, map_view
+from pacman_env.render.palette import LIGHT
 from pacman_env.render.play import SPEEDS, Controls, Player, play
 from pacman_env.render.window import HumanWindow, Input
 from tests.envs.helpers import QUICK, make, same
@@ -212,7 +212,7 @@ def test_pictures_interpolate_between_decisions() -> None:
     at: list[np.ndarray] = []
     left, top = view(one).pixels(xy)
     for frame in (before, middle, after):
-        rows, columns = np.nonzero((abs(frame[70:600].astype(int) - symbols.PAC) <= 12).all(axis=-1))
+        rows, columns = np.nonzero((abs(frame[70:600].astype(int) - LIGHT.pac) <= 12).all(axis=-1))
         near = np.hypot(columns - left, rows + 70 - top) < 25
         at.append(np.array([columns[near].mean(), rows[near].mean()]))
     assert np.hypot(*(at[2] - at[0])) > 3

@@ -41,7 +41,7 @@ def test_replay_page_contains_film_and_loads_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(["3", "--policies", "nearest", "--time-limit", "5", "--out", "page.html"]) == 0
+    assert main(["3", "--policies", "nearest", "--time-limit", "5", "--out", "page.html", "--theme", "dark"]) == 0
     text = (tmp_path / "page.html").read_text()
     (data,) = re.findall(r'src="data:video/mp4;base64,([^"]+)"', text)
     (tmp_path / "film.mp4").write_bytes(base64.b64decode(data))
