@@ -16,6 +16,7 @@ from pacman_env.ros.supervisor.terminal import wrapped
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses; 2 means bad arguments
 SETTLE_S = 0.5  # time for latched messages to arrive after the first message
 OBEY_S = 2.0  # time for all nodes that have ever published a request to obey
+DRIVERS = ("goal_selector", "game_controller")  # nodes that send goals to Nav2
 
 
 def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
@@ -86,7 +87,13 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
     status_line.spin_until(lambda: False, SETTLE_S)
     status_line.spin_until(lambda: operator.obeyed_by_all, OBEY_S)
     print(wrapped(text.format(", ".join(operator.obeyed_by))))
-    return DONE
+    running = [
+        name for name, place in status_line.get_node_names_and_namespaces() if place == status_line.get_namespace()
+    ]
+    late = [name for name in DRIVERS if name in running and name not in operator.obeyed_by]
+    if late:
+        print(wrapped(f"NOT YET obeyed by {', '.join(late)}: watch the robot, it may still drive"))
+    return REFUSED if late else DONE
 
 
 def _no_answer(status_line: StatusLine, what: str) -> int:
