@@ -3,6 +3,14 @@
 States are (robot block, ghost block, credit), where credit is how far the ghost has walked from its block to the next
 one, in fractions of a square. A state is lost if all moves of the robot lead to lost states. The other states are the
 safe set, the largest set in which the robot can stay.
+
+The pursuit is relaxed in favour of the robot. The robot drives at ``LATTICE`` times its speed to any neighbouring
+block, without turns, starts or changes of goals, and makes two moves before the first step of the ghost. The progress
+of the ghost is rounded down to quarters of a square. If two paths are equally long, the ghost takes the better one for
+the robot. At its target it loses the rest of its move. Death is tested only after each move.
+
+It is not proven that the pursuit is nowhere harder than the game. Positions are known only to half a block, the ghost
+knows the block that the robot is about to enter, and the robot cannot slip past a ghost between two tests.
 """
 
 from typing import Any, NamedTuple
