@@ -110,7 +110,7 @@ def test_every_picture_is_shown_and_total_is_small() -> None:
         for target in re.findall(r"!\[[^]]*\]\((?!http)([^)]+)\)", page.read_text())
     }
     assert pictures == shown
-    assert sum(picture.stat().st_size for picture in pictures) < 1_500_000
+    assert sum(picture.stat().st_size for picture in pictures) < 1_600_000
 
 
 def test_pages_show_every_command() -> None:
