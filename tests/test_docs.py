@@ -112,7 +112,7 @@ def test_every_picture_is_shown_and_total_is_small() -> None:
         )
     }
     assert pictures == shown
-    assert sum(picture.stat().st_size for picture in pictures) < 1_850_000
+    assert sum(picture.stat().st_size for picture in pictures) < 1_950_000
 
 
 def test_pages_show_every_command() -> None:
