@@ -178,6 +178,7 @@ def task_1(student: ModuleType) -> Iterator[Item]:
         for part, right in enumerate((distance, nearer)):
             for game in np.flatnonzero(~np.isclose(got[part], right))[:1]:
                 text = f"{snapshot.where(game)}: expected {right[game]}, got {got[part][game]}"
+                text += " (0.0 m is the candidate hold, not a pellet)" if part == 0 and got[0][game] == 0.0 else ""
                 complaints[part] = complaints[part] or text
     yield Item(5, "distance of the nearest allowed pellet", complaints[0])
     yield Item(5, "whether Clyde is nearer to it", complaints[1])
@@ -232,6 +233,8 @@ def task_5(student: ModuleType) -> Iterator[Item]:
     began = time.process_time()
     model = of_student(student, "train")()
     used_s = time.process_time() - began
+    if not callable(getattr(model, "predict", None)):
+        raise Missed(f"train must return a model with predict(observation, action_masks, deterministic), got {model!r}")
     late = "" if used_s <= TRAIN_S else f"expected at most {TRAIN_S:.0f} s, got {used_s:.0f} s"
     yield Item(3, f"trains within {TRAIN_S:.0f} s of processor time", late)
 

@@ -60,6 +60,9 @@ WRONG = {
         MODEL.format("action_masks.argmax(1)"),
         "expected at least 70.0 %, got 56.0 %",
     ),
+    "no model": (5, "def train():\n    return None", "0 of 10  train must return a model"),
+    "scores": (2, POLICY.format("Nearest", "np.full_like(s.path_robot, np.nan)"), "answer.py, line "),
+    "hold": (1, "def nearest_pellet(s):\n    return s.path_robot.min(1), s.path_clyde[:, 0] < 0", "the candidate hold"),
     "absent": (5, "del train", "expected a class or function 'train' in the file"),
     "scorer": (6, "class Best(Nearest): pass", "expected more rounds, got a difference of -"),
     "exit": (6, "class Best(Avoid):\n    def __init__(self):\n        raise SystemExit(0)", "answer.py, line "),
@@ -111,11 +114,19 @@ def test_training_that_takes_too_long_loses_points(
 ) -> None:
     monkeypatch.setattr("checks.TRAIN_S", -1.0)
     path = tmp_path / "answer.py"
-    path.write_text("def train():\n    return None\n")
+    path.write_text(MODEL.format("action_masks.argmin(1)"))
     assert grader.main(["--task", "5", "--file", str(path)]) == 1
-    out = capsys.readouterr().out
-    assert "expected at most -1 s, got 0 s" in out
-    assert "0 of  7  AttributeError: 'NoneType' object has no attribute 'predict'" in out
+    assert "expected at most -1 s, got 0 s" in capsys.readouterr().out
+
+
+def test_task_that_takes_too_long_is_stopped(
+    grader: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(grader, "MOST_S", 0.2)
+    path = tmp_path / "answer.py"
+    path.write_text("def nearest_pellet(s):\n    while True:\n        pass\n")
+    assert grader.main(["--task", "1", "--file", str(path)]) == 1
+    assert "0 of 10  stopped after 0.2 s of processor time" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("arguments", [["--task", "7"], ["--file", "absent.py"], ["--draw", "-1"]])
