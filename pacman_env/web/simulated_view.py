@@ -19,7 +19,7 @@ from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 from pacman_env.web.scene import scene_facts
 
-_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes a minute or two."
+_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes 20 to 60 s."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
 #: Fields that change when the tick is over: a pellet is shown until it is reached.

@@ -116,7 +116,7 @@ def test_person_plays_robot_by_map_and_list(visit: Visit) -> None:
     page = visit()
     take_role(page, "robot")
     page.wait("state.frame.baseline")
-    assert page.text("duel") == "you 0, ppo 0"
+    assert page.text("duel") == "Pellets: you 0, ppo 0"
     start(page)
     pellet = page.value(
         "(() => { const {frame, scene} = state; const [x, y] = frame.true; let best = -1, least = Infinity;"
@@ -136,7 +136,7 @@ def test_person_plays_robot_by_map_and_list(visit: Visit) -> None:
     page.slide("speed", FASTEST)
     page.wait("document.querySelector('#end-other').textContent", "who was better")
     assert re.search("(You were better|ppo was better|It is a draw): ppo ", page.text("end-other"))
-    assert re.match(r"you \d+, ppo \d+", page.text("duel"))
+    assert re.match(r"Pellets: you \d+, ppo \d+", page.text("duel"))
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 
 
@@ -180,7 +180,7 @@ def test_ghost_chases_the_robot_by_clicks(visit: Visit) -> None:
     page.wait("Math.hypot(...[0, 1].map((k) => state.frame.ghost_goals[0][k] - state.frame.true[k])) < 0.01")
     page.slide("speed", FASTEST)
     page.press("start")
-    page.wait("document.querySelector('#result').textContent.startsWith('You caught it')")
+    page.wait("document.querySelector('#result').textContent.startsWith('You won')")
 
 
 def test_preset_fills_form_but_keeps_changed_settings(visit: Visit) -> None:

@@ -18,9 +18,10 @@ const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : ["comp
 function titleOf(entry) {
   const { result, catcher } = entry;
   const by = state.hello.roles[`ghost-${catcher}`]?.name;
-  if (playsGhost(entry) && result !== "caught") return "It got away";
-  if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You caught it" : `${by} caught it`;
-  return result === "caught" && by ? `Caught by ${by}` : state.hello.results[result] ?? result;
+  const words = state.hello.results[result] ?? result;
+  if (playsGhost(entry) && result !== "caught") return `You lost: ${words.toLowerCase()}`;
+  if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You won: you caught the robot" : `${by} caught the robot`;
+  return result === "caught" && by ? `Caught by ${by}` : words;
 }
 
 // Adds a round to the records of this browser. Returns them in words.
@@ -64,8 +65,9 @@ function livesWords({ result, player }) {
 }
 
 function nextWords() {
-  const { round, lives } = state.frame;
-  if (lives === undefined) return round > 1 ? `Round ${round}, faster ghosts` : "Next round";
+  const { round, lives, state: now } = state.frame;
+  const next = ended?.result === "complete" && now !== "menu" ? round + 1 : round; // it counts up at home
+  if (lives === undefined) return next > 1 ? `Round ${next}, faster ghosts` : "Next round";
   if (!lives || (round === 1 && lives === LIVES)) return "New game";
   return `Level ${round}, Clyde ${state.scene.clyde_speed_mps.toFixed(2)} m/s`;
 }

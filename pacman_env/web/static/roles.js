@@ -98,7 +98,7 @@ function showMode() {
   writeOrHide($("mode"), state.posing || (state.placing ? "Click where the ghost starts"
     : plays ? `You are ${player}: ${task(frame, role)}` : ""));
   const driver = state.people.roles?.robot;
-  const score = frame?.baseline && driver && !story ? `${driver === me() ? "you" : driver} ${frame.collected}, `
+  const score = frame?.baseline && driver && !story ? `Pellets: ${driver === me() ? "you" : driver} ${frame.collected}, `
     + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";
   writeOrHide($("duel"), score);
 }
