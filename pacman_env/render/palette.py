@@ -1,4 +1,4 @@
-"""The colours of frames, for each theme. Those of ghosts are in :mod:`pacman_env.game.ghosts`, the same in both."""
+"""The colours of frames, for each theme. The colours of ghosts are in :mod:`pacman_env.game.ghosts`."""
 
 from typing import Literal, NamedTuple
 
