@@ -25,7 +25,7 @@ POLICIES = ("clyde_aware", "ppo")
 
 
 def record(policy: str, second: str, seed: int = SEED) -> dict[str, Any]:
-    """Play a round and return what the server sends about it (docs/web_protocol.md), with the map in the scene.
+    """Play a round and return what the server sends about it (docs/dev/web_protocol.md), with the map in the scene.
 
     The result contains ``entry`` (as in ``stories``), ``scene``, ``frames`` and ``whys``: the terms by tick, wherever
     the goal changes or the second policy would choose another goal.

@@ -23,7 +23,7 @@ class Scene:
     """Data that stay the same from frame to frame."""
 
     revision: int  # counts up from 1; frames refer to it
-    facts: dict[str, Any] = field(default_factory=dict)  # JSON values (docs/web_protocol.md, "scene")
+    facts: dict[str, Any] = field(default_factory=dict)  # JSON values (docs/dev/web_protocol.md, "scene")
     picture: bytes = b""  # map as PNG, one pixel per cell, top row first; empty: no map yet
 
 
@@ -56,7 +56,7 @@ class Game(Protocol):
 
     def close(self) -> None: ...  # the robot stops
     def greet(self) -> None: ...  # the first person arrives: reset the viewing options
-    def choices(self) -> dict[str, Any]: ...  # values for a setup (docs/web_protocol.md, "choices")
+    def choices(self) -> dict[str, Any]: ...  # values for a setup (docs/dev/web_protocol.md, "choices")
     def scene(self) -> Scene: ...
     def frame(self) -> Frame | None: ...  # None: nothing known yet
     def news(self, after: int) -> list[dict[str, Any]]: ...  # entries after a number, at most 100, oldest first

@@ -1,4 +1,4 @@
-"""Schema of the messages that a page may send (docs/web_protocol.md, "What a page sends")."""
+"""Schema of the messages that a page may send (docs/dev/web_protocol.md, "What a page sends")."""
 
 from functools import reduce
 from operator import or_

@@ -303,7 +303,7 @@ class Recordings:
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
 
     def keep(self, played: PlayedRound, **facts: Any) -> str:
-        """Store a round and its summary (docs/web_protocol.md, "stories") with ``facts``, and describe it in words."""
+        """Store a round with its summary and ``facts`` (docs/dev/web_protocol.md, "stories"); describe it in words."""
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]

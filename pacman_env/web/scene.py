@@ -15,7 +15,7 @@ def scene_facts(
     power_pellets: list[int],  # numbers of the pellets that are power pellets
     behaviours: dict[int, str],  # behaviours of the ghosts by number
 ) -> dict[str, Any]:
-    """Return facts of places, ghosts and robot (docs/web_protocol.md, "scene")."""
+    """Return facts of places, ghosts and robot (docs/dev/web_protocol.md, "scene")."""
     facts = {
         "candidates": places,
         "names": [goal_name(pellet_ids, goal) for goal in range(len(places))],

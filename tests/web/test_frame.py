@@ -12,7 +12,7 @@ import pytest
 from pacman_env.web.frame import MOST_PLAN_POINTS, Frame, encode_all, thinned
 from tests.web.pages import decode, decode_all
 
-DOCS = Path(__file__).parents[2] / "docs" / "web_protocol.md"
+DOCS = Path(__file__).parents[2] / "docs" / "dev" / "web_protocol.md"
 POSE = (1.25, -2.5, 0.125)
 EMPTY = Frame("menu", 1, 1)
 FULL = Frame(
