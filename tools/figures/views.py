@@ -198,14 +198,14 @@ def _learned(name: str, records: Records, words: Sequence[str]) -> str:
 
 
 def _learned_range(name: str, records: Records, words: Sequence[str]) -> str:
-    """Return the lowest and the highest completion over the seeds in houses that the model has not seen."""
-    ends = [
-        re.findall(r"^generated:test: ([\d.]+) \[", line)
-        for lines in records[name]["values"].values()
-        for line in lines
-    ]
-    rates = sorted(float(rate) for found in ends for rate in found)
-    return f"{rates[0]:.0f} to {rates[-1]:.0f} %"
+    """Return the lowest and highest completion over the seeds in new houses, of the model or of ``words[0]``."""
+    row = rf"  {words[0]} ([\d.]+) %" if words else r"generated:test: ([\d.]+) \["
+    rates = []
+    for printed in records[name]["values"].values():
+        found = re.search(row, "\n".join(printed))  # generated:test comes before house
+        assert found
+        rates.append(round(float(found[1])))
+    return " to ".join(str(rate) for rate in sorted({min(rates), max(rates)})) + " %"
 
 
 def _completed(complete: int, rounds: int) -> str:
