@@ -27,6 +27,7 @@ from pacman_env.ros.discovery import join, provide_log_folder
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
+from pacman_env.world.maps.occupancy import map_name
 
 BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP
 TRUE_POSES = 200  # newest true poses that AMCL poses are compared with; 50 arrive per second
@@ -143,7 +144,8 @@ def record(arguments: argparse.Namespace) -> int:
         words += ["--set", setting]
     file.parent.mkdir(parents=True, exist_ok=True)
     navigator = arguments.navigator or ("Nav2" if arguments.nav2 else "simulated Nav2")
-    card = Round(__version__, navigator, Path(arguments.map).name, arguments.policy, arguments.clyde_speed)
+    place = map_name(Path(arguments.map))
+    card = Round(__version__, navigator, place, arguments.policy, arguments.clyde_speed)
     node = RoundRecorder(full_namespace(NAMESPACE), card, arguments.domain_id)
     begins, nav2_log, late = not file.exists(), file.with_suffix(".logs") / "nav2.log", 0
     game = subprocess.Popen([sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words])
