@@ -118,10 +118,10 @@ def test_more_time_widens_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
     assert played[1] > 5 * played[0]
 
 
-@pytest.mark.parametrize("speed_mps", [0.15, pytest.param(0.22, marks=pytest.mark.daily)])
-def test_search_flees_from_a_believed_chaser(speed_mps: float) -> None:
+@pytest.mark.parametrize(("speed_mps", "nodes"), [(0.15, 1500), pytest.param(0.22, 6000, marks=pytest.mark.daily)])
+def test_search_flees_from_a_believed_chaser(speed_mps: float, nodes: int) -> None:
     config = config_of("chase", **{"clyde.speed_mps": speed_mps})
-    record, _ = play(map_assets("house", config), config, Search(nodes=6000), episode_seeds(0, 12), batch_size=12)
+    record, _ = play(map_assets("house", config), config, Search(nodes=nodes), episode_seeds(0, 12), batch_size=12)
     assert (record["end"] != DEAD).sum() >= 9
     assert (record["end"] == COMPLETE).sum() >= 6, "slow rounds end at the time limit"
 
