@@ -55,6 +55,13 @@ def run(*command: str, cwd: Path, site: Path | None = None, **environment: str) 
     return result.stdout
 
 
+def test_folder_named_like_the_package_does_not_hide_it(tmp_path: Path) -> None:
+    """A clone is such a folder, for scripts in the folder that contains it."""
+    (tmp_path / "pacman_env").mkdir()
+    show = [sys.executable, "-c", "import pacman_env; print(pacman_env.__version__)"]
+    assert run(*show, cwd=tmp_path, PYTHONPATH="").strip() == pacman_env.__version__
+
+
 @pytest.fixture(scope="module")
 def tracked() -> list[str]:
     """Files of the checkout, by their paths in it."""

@@ -108,8 +108,8 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     - Termination: the believed pose is within 0.25 m of a ghost that is neither frightened nor away (`caught`).
     - Termination: every pellet is collected (`complete`), or no pellet is left but some were lost (`cleared`, only with
       `execution.rules="as_built"`).
-    - Time limit of 600 s (`time_limit_s`): a truncation with the setting `timeout="truncation"`, the default, or a
-      termination with `timeout="termination"`, the default with `flat=True`.
+    - Time limit of 600 s (`time_limit_s`): a truncation, or a termination with the setting `timeout="termination"`,
+      which `flat=True` uses.
 
     With the setting `endless` a completed round gives its reward, and the next round starts: at the home pose, with
     all pellets and a new time limit. Clyde is 0.05 m/s faster. The episode ends when the robot is caught, or at the time
@@ -121,6 +121,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     | `outcome` | `running`, `caught`, `complete`, `cleared` (no pellet left, but some lost) or `timeout` |
     | `collected`, `lost`, `spawned` | pellets of this round |
     | `aborts` | goals that Nav2 aborted in this round |
+    | `elapsed_s` | with decisions by events: duration of the decision (s) |
     | `round_seed` | seed of the episode, drawn from the generator of the environment; it identifies the episode in results |
     | `score`, `ghosts_caught` | points and ghosts caught, over all rounds of an endless game; without power pellets the score is the number of pellets |
     | `level` | number of the generated house, with generated maps |
@@ -145,7 +146,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window; `env.unwrapped.theme = "dark"` draws dark pictures.
     - `flat`: use the settings of `pacman_env/PacManBotFlat-v1`; your own settings override them.
-    - `defaults`: settings with lower priority than `settings`; ids of variants use them (`docs/environments/ids.md`).
+    - `defaults`: the settings of an id (`docs/environments/ids.md`), which `settings` override.
 
     ## Settings
     Every number of the game is a setting (`docs/configuration.md`). A range draws a value uniformly for each episode,

@@ -74,10 +74,18 @@ def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.Capture
 
 
 def test_block_is_filled_inline_and_as_a_table() -> None:
-    records = {"house": {"values": [ROW], "version": "1.2.3", "date": "2026-01-02", "machine": "2 x Test"}}
+    records = {
+        "house": {
+            "values": [ROW],
+            "version": "1.2.3",
+            "commit": "0123abcdef",
+            "date": "2026-01-02",
+            "machine": "2 x Test",
+        }
+    }
     page = "ppo: <!-- figure: house/share ppo 0.25 -->old<!-- end --> (<!-- figure: house/stamp --><!-- end -->)"
     assert filled(page, records).count("90.0 % [80.0, 95.0]") == 1
-    assert "1.2.3, 2026-01-02, 2 x Test<!-- end -->)" in filled(page, records)
+    assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test<!-- end -->)" in filled(page, records)
     table = filled("<!-- figure: house/by-map -->\n\nold\n\n<!-- end -->", records)
     assert table.startswith("<!-- figure: house/by-map -->\n\n| map |")
     assert filled(table, records) == table

@@ -44,7 +44,7 @@ def filled(page: str, records: Records) -> str:
 
 def _stamp(name: str, records: Records, words: Sequence[str]) -> str:
     shown = records[name] if name in records else records[f"ids/{next(iter(IDS)).split('/')[1]}"]
-    return f"{shown['version']}, {shown['date']}, {shown['machine']}"
+    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}"
 
 
 def _command(name: str, records: Records, words: Sequence[str]) -> str:

@@ -114,7 +114,7 @@ def main() -> None:
         mask, action = rollout[agent, "action_mask"], rollout[agent, "action"]
         assert mask.gather(-1, action.unsqueeze(-1)).all()
         print(f"{agent}: {action.numel()} choices, none was forbidden")
-    report(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
+    report(choose, arguments.test, arguments.rounds, arguments.baselines, settings=TWO_PLAYERS)
     if arguments.save:
         torch.save(actor.state_dict(), arguments.save)
 

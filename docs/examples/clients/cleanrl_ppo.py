@@ -144,4 +144,4 @@ for iteration in range(num_iterations):
 if args.save:
     torch.save(agent.state_dict(), args.save)
 
-report(choose, args.test, args.rounds)
+report(choose, args.test, args.rounds, args.baselines)

@@ -40,6 +40,7 @@ def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParse
     options.add_argument("--save", type=Path, default=None, help="file for the model")
     options.add_argument("--test", nargs="*", default=["generated:test"], metavar="MAP", help="to be evaluated on")
     options.add_argument("--rounds", type=int, default=200, help="on each map of --test")
+    options.add_argument("--baselines", nargs="*", default=BASELINES, metavar="POLICY", help="to compare with")
     return options
 
 
@@ -58,8 +59,11 @@ def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **argu
     return _played(play, map, rounds, seed, {"flat": True, **arguments}) == COMPLETE
 
 
-def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[np.bool_]:
-    """Return which of the same rounds a built-in policy completes, (rounds,); it decides every 0.5 s."""
+def baseline(name: str, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
+    """Return which of the same rounds a built-in policy completes, (rounds,); it decides every 0.5 s.
+
+    ``arguments`` are ``ghosts``, ``preset`` and ``settings`` of the rounds.
+    """
     policy = make_policy(name)
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:
@@ -69,7 +73,8 @@ def baseline(name: str, map: str, rounds: int = 200, seed: int = 0) -> NDArray[n
             *_, info = env.step(policy.select(env.situation))
         return info["outcome"]
 
-    return _played(play, map, rounds, seed, {"settings": {"observation.numeric_info": True}}) == COMPLETE
+    settings = {**arguments.pop("settings", {}), "observation.numeric_info": True}
+    return _played(play, map, rounds, seed, {**arguments, "settings": settings}) == COMPLETE
 
 
 def _played(
@@ -94,13 +99,15 @@ def untrained(choose: Choose, maps: Sequence[str], rounds: int, **arguments: Any
         print(f"{map}: {100 * share:.1f} % of {rounds} rounds completed untrained", flush=True)
 
 
-def report(choose: Choose, maps: Sequence[str], rounds: int, **arguments: Any) -> None:
+def report(
+    choose: Choose, maps: Sequence[str], rounds: int, baselines: Sequence[str] = BASELINES, **arguments: Any
+) -> None:
     """Print rounds completed on each map, in %, and the differences to the baselines, with their 95 % intervals."""
     for map in maps:
         ours = completed(choose, map, rounds, **arguments)
         low, high = wilson(int(ours.sum()), rounds)
         print(f"{map}: {100 * ours.mean():.1f} [{100 * low:.1f}, {100 * high:.1f}] % of {rounds} rounds completed")
-        for name in BASELINES:
+        for name in baselines:
             theirs = baseline(name, map, rounds)
             more, (low, high) = paired_difference(ours, theirs)
             difference = f"{100 * more:+.1f} [{100 * low:+.1f}, {100 * high:+.1f}]"

@@ -42,4 +42,4 @@ with tempfile.TemporaryDirectory() as folder:
 if args.save:
     model.save(args.save)
 
-report(choose, args.test, args.rounds)
+report(choose, args.test, args.rounds, args.baselines)

@@ -79,7 +79,7 @@ def main() -> None:
         masks, actions = episode.get_observations(slice(0, len(episode)))["action_mask"], episode.get_actions()
         assert masks[np.arange(len(episode)), actions].all()
     print("no choice was forbidden")
-    report(choose, args.test, args.rounds)
+    report(choose, args.test, args.rounds, args.baselines)
     if args.save:
         torch.save(algorithm.get_module().state_dict(), args.save)
     algorithm.stop()

@@ -112,7 +112,7 @@ def main() -> None:
             assert masks[np.arange(len(own)), actions].all()
             chosen[agent] += len(own)
     print("no choice was forbidden:", *(f"{count} of {agent}" for agent, count in chosen.items()))
-    report(choose, arguments.test, arguments.rounds, settings=TWO_PLAYERS)
+    report(choose, arguments.test, arguments.rounds, arguments.baselines, settings=TWO_PLAYERS)
     if arguments.save:
         torch.save(algorithm.get_module("pacman").state_dict(), arguments.save)
     algorithm.stop()

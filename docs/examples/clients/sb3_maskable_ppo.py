@@ -18,4 +18,4 @@ model.learn(args.decisions)
 if args.save:
     model.save(args.save)
 
-report(choose, args.test, args.rounds)
+report(choose, args.test, args.rounds, args.baselines)

@@ -37,7 +37,7 @@ def main() -> None:
 
     untrained(choose, args.test, args.rounds, settings=TWO_PLAYERS)
     model.learn(2 * args.decisions)  # rows of both players
-    report(choose, args.test, args.rounds, settings=TWO_PLAYERS)
+    report(choose, args.test, args.rounds, args.baselines, settings=TWO_PLAYERS)
     if args.save:
         model.save(args.save)
     envs.close()

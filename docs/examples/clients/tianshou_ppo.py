@@ -114,7 +114,7 @@ def one_player(args: Any, masked: bool) -> None:
         note = ", no choice was forbidden"
     print(f"one player, {'masked' if masked else 'no mask'}: {len(batch)} decisions after training{note}")
     if masked:
-        report(choose, args.test, args.rounds)
+        report(choose, args.test, args.rounds, args.baselines)
 
 
 def two_players(map: str, decisions: int, seed: int) -> None:

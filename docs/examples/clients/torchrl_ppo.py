@@ -107,4 +107,4 @@ collector.shutdown()
 if args.save:
     torch.save(actor.state_dict(), args.save)
 
-report(choose, args.test, args.rounds)
+report(choose, args.test, args.rounds, args.baselines)

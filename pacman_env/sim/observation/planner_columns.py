@@ -22,20 +22,20 @@ class CandidateColumn(enum.IntEnum):
     NEARNESS_ROBOT = enum.auto()  # exp(-path length from the robot / 2 m)
     PATH_CLYDE = enum.auto()  # path length from the ghost that is nearest by path / 5 m
     NEARNESS_CLYDE = enum.auto()  # exp(-path length from that ghost / 2 m)
-    TIME_MARGIN = enum.auto()  # arrival time of Clyde minus arrival time of the robot / 20 s, -2 to 2
+    TIME_MARGIN = enum.auto()  # (arrival time of Clyde - arrival time of the robot) / 20 s, -2 to 2
     CLYDE_DISTANCE = enum.auto()  # straight distance from Clyde / 5 m
     CAUGHT_SOON = enum.auto()  # probability that a ghost comes within 0.45 m of the robot on its path within 5 s
     CAUGHT = enum.auto()  # the same within 10 s
     APPROACHED = enum.auto()  # probability that a ghost comes within 0.8 m of the robot on its path within 10 s
-    CLOSEST_MEAN = enum.auto()  # smallest distance of a ghost on the way, mean over its paths / 3 m
-    CLOSEST_LEAST = enum.auto()  # smallest distance of a ghost on the way over all its paths / 3 m
+    CLOSEST_MEAN = enum.auto()  # smallest distance of a ghost on the way, mean over the ghost's predicted paths / 3 m
+    CLOSEST_LEAST = enum.auto()  # smallest distance of a ghost on the way, least over these paths / 3 m
     TURN_COSINE = enum.auto()  # cosine of the robot's first turn to the path
     TOWARDS_CLYDE = enum.auto()  # cosine between the start of the path and the direction to Clyde
     STANDING_CLEARANCE = enum.auto()  # smallest distance of a ghost on the way if it stands still / 3 m
     NEAREST_PELLET = enum.auto()  # path length from the candidate to the nearest other pellet / 5 m
     MEAN_PELLET = enum.auto()  # mean path length from the candidate to all other pellets / 5 m
     PELLETS_AROUND = enum.auto()  # number of other pellets within 2.5 m / 4
-    CLYDE_APART = enum.auto()  # smallest distance from the candidate that a ghost can reach, at most 1 m
+    CLYDE_APART = enum.auto()  # distance from the candidate to the nearest place that a ghost can reach, at most 1 m
     HANDCRAFTED_COST = enum.auto()  # cost of a pellet by the scorer `clyde_aware` / 5 m, 0 for other candidates
     BEYOND_NEAREST = enum.auto()  # path length minus the path length to the nearest pellet / 5 m
     HUNTED = enum.auto()  # 1 if ghosts approach the robot: only then the next seven columns are not 0
@@ -44,8 +44,8 @@ class CandidateColumn(enum.IntEnum):
     HUNTED_CLOSEST = enum.auto()  # smallest distance of a ghost on the way / 3 m
     HUNTED_LEAD = enum.auto()  # lead over the ghosts on arrival, by path / 5 m
     HUNTED_COLLECTED = enum.auto()  # pellets collected on the way / 3
-    HUNTED_WAYS_ON = enum.auto()  # share of the ways from the candidate to other goals that the robot survives
-    HUNTED_LEAD_AFTER = enum.auto()  # lead at the end of the best of these ways / 5 m
+    HUNTED_WAYS_ON = enum.auto()  # share of the paths from the candidate to other goals on which the robot survives
+    HUNTED_LEAD_AFTER = enum.auto()  # lead at the end of the best of these paths / 5 m
     START = enum.auto()  # time to turn to the path and to speed up / 5 s: what a change of the goal costs now
     IS_POWER = enum.auto()  # 1 for a power pellet, otherwise 0
 
