@@ -49,8 +49,8 @@ class Config(sections.Groups):
     start_level: Count | None = setting(None, "level of the first generated house; None: the first of the split")
     num_levels: Count | None = setting(
         None,
-        "Number of generated houses to play; 0: the whole split. None: all from start_level on. Without start_level, "
-        "None is the prepared set of 1,000 training or 200 test houses.",
+        "Number of generated houses to play; 0: the whole split. None: the prepared set of 1,000 training or 200 test "
+        "houses, or with start_level all houses from there on.",
     )
     home: tuple[Number, Number, Number] | None = setting(
         None,
