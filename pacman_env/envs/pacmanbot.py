@@ -79,12 +79,12 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     believed pose: `S = 64` pixels of 0.1 m, with the robot's heading up.
 
     ## Power Pellets
-    With the preset `arcade`, or the setting `power.pellets` above 0, this number of pellets are power pellets. They
-    lie far from home and from each other. A power pellet frightens every ghost that is not away for 20 s
-    (`power.duration_s`). A frightened ghost flees at 67 % of its speed and does not kill. If the robot comes within 0.25
+    `power.pellets` is the number of power pellets (default 0, with the preset `arcade` 4). They lie far from home and
+    from each other. A power pellet frightens all ghosts for 20 s (`power.duration_s`), except ghosts that are away. A
+    frightened ghost flees at 67 % of its speed and does not kill. If the robot comes within 0.25
     m of a frightened ghost, the ghost is caught: it is away for 5 s (`power.return_s`) and starts again at its spawn
     place, not frightened. A ghost that a policy controls keeps its policy while it is frightened; its choices have no
-    effect while it is away. In an endless game power pellets frighten for 3.3 s less in each round, at least for 6.6 s.
+    effect while it is away. In an endless game the 20 s become 3.3 s shorter with each round, but not shorter than 6.6 s.
 
     The score is 1 for each pellet, 5 for a power pellet, and 20, 40, 80 and 160 for the ghosts caught after the same
     power pellet. It does not change the reward.
@@ -132,8 +132,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     ```py
     gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot", settings={"clyde.speed_mps": 0.35})
     ```
-    - `map`: a shipped map's name, a map_server YAML file, an `OccupancyMap`; `"generated"` or `"generated:test"`: one
-      of 1,000 or 200 generated houses for each episode, its level drawn uniformly from the episode's seed.
+    - `map`: the name of a map in the package, a map_server YAML file, or an `OccupancyMap`. `"generated"` plays one of
+      1,000 training houses in each episode, `"generated:test"` one of 200 test houses. The seed of the episode decides
+      which; all are equally likely.
     - `ghosts`: a number of wandering ghosts (1 to 4), or one entry for each: `"wander"` (Algorithm 2), `"chase"`
       (follows the robot), `"arcade"` (chases from afar, turns to its corner within 2.0 m), or a policy (name or
       object), which chooses at every tick.
@@ -153,7 +154,8 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     such as `{"randomize.speed_mps": (0.2, 0.3)}`. Some settings change how the environment is used: when the agent
     decides, which candidates it sees, where the mask is, and how an episode ends at the time limit.
     `docs/environments/pacmanbot.md` describes them in a table. Generated houses have the levels 0 to 999,999 to train and
-    1,000,000 to 1,000,999 to test. By default the first 1,000 and 200 of them are played; `num_levels=0` plays all.
+    1,000,000 to 1,000,999 to test. By default the first 1,000 training houses or the first 200 test houses
+    are played; `num_levels=0` plays all.
 
     ## Reset
     `reset(seed=..., options=...)`: for the next episode, `options` may contain `round_seed` (an `info["round_seed"]`,
@@ -162,9 +164,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     replays the round from its seed and decisions, and continues exactly like the original.
 
     ## Version History
-    - v1 (0.20.0): the preset `robot` starts, turns and changes its goal as slowly as with Nav2; `preset="robot_0_15"`
-      is the robot of v0. The planner features have 289 numbers instead of 274, and so has the observation of
-      PacManBotFlat and its variants (except PacManBotFlatVelocity).
+    - v1 (0.20.0): with the preset `robot`, the robot starts, turns and changes its goal as slowly as with Nav2.
+      `preset="robot_0_15"` is the robot of v0. The planner features have 289 numbers instead of 274. They are part of
+      the observation of PacManBotFlat and its variants (except PacManBotFlatVelocity).
     - v0: `pacman_env/PacManBotFlat-v0` came with 0.6.0. In 0.13.0 its observation grew from 179 to 274 numbers.
     """  # noqa: E501
 

@@ -1,7 +1,7 @@
 """Columns of the planner features, which kernels write by name.
 
-Lengths are capped at ``FAR_M``, and no value exceeds ``MOST``. "/ 5 m" in a comment is the divisor of the value, which
-has no unit. The pages of the environments show these comments.
+Path lengths are capped at ``FAR_M``, and no value exceeds ``MOST``. "/ 5 m" in a comment means that the value is
+divided by 5 m, so it has no unit. The pages of the environments show these comments.
 """
 
 import enum
@@ -20,33 +20,33 @@ class CandidateColumn(enum.IntEnum):
     IS_CURRENT = enum.auto()  # 1 for the current goal, otherwise 0
     PATH_ROBOT = enum.auto()  # path length from the robot / 5 m
     NEARNESS_ROBOT = enum.auto()  # exp(-path length from the robot / 2 m)
-    PATH_CLYDE = enum.auto()  # path length from the ghost that is nearest by path / 5 m
-    NEARNESS_CLYDE = enum.auto()  # exp(-path length from that ghost / 2 m)
+    PATH_CLYDE = enum.auto()  # shortest path length from a ghost (for hold: straight distance) / 5 m
+    NEARNESS_CLYDE = enum.auto()  # exp(-the same length / 2 m)
     TIME_MARGIN = enum.auto()  # (arrival time of Clyde - arrival time of the robot) / 20 s, -2 to 2
     CLYDE_DISTANCE = enum.auto()  # straight distance from Clyde / 5 m
-    CAUGHT_SOON = enum.auto()  # probability that a ghost comes within 0.45 m of the robot on its path within 5 s
-    CAUGHT = enum.auto()  # the same within 10 s
-    APPROACHED = enum.auto()  # probability that a ghost comes within 0.8 m of the robot on its path within 10 s
-    CLOSEST_MEAN = enum.auto()  # smallest distance of a ghost on the way, mean over the ghost's predicted paths / 3 m
-    CLOSEST_LEAST = enum.auto()  # smallest distance of a ghost on the way, least over these paths / 3 m
-    TURN_COSINE = enum.auto()  # cosine of the robot's first turn to the path
-    TOWARDS_CLYDE = enum.auto()  # cosine between the start of the path and the direction to Clyde
-    STANDING_CLEARANCE = enum.auto()  # smallest distance of a ghost on the way if it stands still / 3 m
+    CAUGHT_SOON = enum.auto()  # probability that a ghost comes within 0.45 m on the way, in the first 5 s
+    CAUGHT = enum.auto()  # probability that a ghost comes within 0.45 m on the way, in the first 10 s
+    APPROACHED = enum.auto()  # probability that a ghost comes within 0.8 m on the way, in the first 10 s
+    CLOSEST_MEAN = enum.auto()  # smallest distance to a ghost on the way / 3 m: mean over the ghost's predicted paths
+    CLOSEST_LEAST = enum.auto()  # smallest distance to a ghost on the way / 3 m: minimum over the predicted paths
+    TURN_COSINE = enum.auto()  # cosine of the angle between the robot's heading and the start of the path
+    TOWARDS_CLYDE = enum.auto()  # cosine of the angle between the start of the path and the direction to Clyde
+    STANDING_CLEARANCE = enum.auto()  # smallest distance to a ghost on the way / 3 m, if the ghosts stood still
     NEAREST_PELLET = enum.auto()  # path length from the candidate to the nearest other pellet / 5 m
     MEAN_PELLET = enum.auto()  # mean path length from the candidate to all other pellets / 5 m
-    PELLETS_AROUND = enum.auto()  # number of other pellets within 2.5 m / 4
+    PELLETS_AROUND = enum.auto()  # (number of other pellets within 2.5 m) / 4
     CLYDE_APART = enum.auto()  # distance from the candidate to the nearest place that a ghost can reach, at most 1 m
     HANDCRAFTED_COST = enum.auto()  # cost of a pellet by the scorer `clyde_aware` / 5 m, 0 for other candidates
-    BEYOND_NEAREST = enum.auto()  # path length minus the path length to the nearest pellet / 5 m
-    HUNTED = enum.auto()  # 1 if ghosts approach the robot: only then the next seven columns are not 0
+    BEYOND_NEAREST = enum.auto()  # (path length from the robot - path length to the nearest pellet) / 5 m
+    HUNTED = enum.auto()  # 1 if ghosts approach the robot, otherwise 0: then the next seven columns are 0, too
     HUNTED_CAUGHT = enum.auto()  # 1 if the robot is caught on the way
     HUNTED_ARRIVES = enum.auto()  # time until arrival or capture / 15 s
-    HUNTED_CLOSEST = enum.auto()  # smallest distance of a ghost on the way / 3 m
-    HUNTED_LEAD = enum.auto()  # lead over the ghosts on arrival, by path / 5 m
+    HUNTED_CLOSEST = enum.auto()  # smallest distance to a ghost on the way / 3 m
+    HUNTED_LEAD = enum.auto()  # shortest path length from a ghost to the robot on arrival / 5 m
     HUNTED_COLLECTED = enum.auto()  # pellets collected on the way / 3
-    HUNTED_WAYS_ON = enum.auto()  # share of the paths from the candidate to other goals on which the robot survives
-    HUNTED_LEAD_AFTER = enum.auto()  # lead at the end of the best of these paths / 5 m
-    START = enum.auto()  # time to turn to the path and to speed up / 5 s: what a change of the goal costs now
+    HUNTED_WAYS_ON = enum.auto()  # share of the next paths, from the candidate to other goals, that the robot survives
+    HUNTED_LEAD_AFTER = enum.auto()  # shortest path length from a ghost at the end of the best of these paths / 5 m
+    START = enum.auto()  # time that the robot needs to turn to the path and to speed up / 5 s
     IS_POWER = enum.auto()  # 1 for a power pellet, otherwise 0
 
 
@@ -73,7 +73,7 @@ class GlobalColumn(enum.IntEnum):
 class TokenColumn(enum.IntEnum):
     """Columns of one of the nearest ghosts."""
 
-    THERE = 0  # 1 if there is such a ghost, otherwise 0
+    THERE = 0  # 1 if these columns describe a ghost, otherwise 0
     DISTANCE = enum.auto()  # straight distance to the robot / 5 m
     NEAR = enum.auto()  # exp(-straight distance to the robot / 1 m)
     PATH = enum.auto()  # lower bound of the path length to the robot / 5 m
