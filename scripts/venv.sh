@@ -17,10 +17,13 @@ fi
 absent='' stamps=()
 for extra in "$@"; do
   stamp=$venv/.installed-$extra
-  if [ ! -f "$stamp" ] || [ "$root/pyproject.toml" -nt "$stamp" ] || [ "$root/constraints.txt" -nt "$stamp" ]; then
-    stamps+=("$stamp")
-    [ "$extra" = base ] || absent+=${absent:+,}$extra
-  fi
+  for file in pyproject.toml setup.cfg setup.py constraints.txt; do # what an installation depends on
+    if [ ! -f "$stamp" ] || [ "$root/$file" -nt "$stamp" ]; then
+      stamps+=("$stamp")
+      [ "$extra" = base ] || absent+=${absent:+,}$extra
+      break
+    fi
+  done
 done
 if [ "${#stamps[@]}" != 0 ]; then
   what=.${absent:+[$absent]}
