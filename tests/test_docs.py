@@ -111,8 +111,7 @@ def test_every_picture_is_shown_and_total_is_small() -> None:
             r'(?:!\[[^]]*\]\(|<(?:img|source)[^>]* src(?:set)?=")(?!http)([^)"]+)', page.read_text()
         )
     }
-    assert pictures <= shown
-    assert all(picture.is_file() for picture in shown)
+    assert pictures | {ROOT / "docs" / "leaderboard.svg"} == shown
     assert sum(picture.stat().st_size for picture in shown) < 1_950_000
 
 

@@ -22,7 +22,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"observation": ("scan", 3)}, r"observation = \('scan', 3\)"),
     ({"observation": 5}, "observation = 5"),
     ({"action": "fly"}, r"action = 'fly'.*goal.*velocity"),
-    ({"settings": {"action_range": "unit"}}, "action_range = 'unit': must be physical"),
+    ({"settings": {"action_range": "unit"}}, "action_range = 'unit': must be physical if actions are goals"),
     ({"action": "velocity", "settings": {"action_range": "metric"}}, r"action_range = 'metric'.*physical.*unit"),
     (
         {"action": "velocity", "settings": {"observation.mask": "info"}},
@@ -38,7 +38,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"action": "velocity", "settings": {"decisions.when": "event"}},
-        "decisions.when = 'event': must be tick",
+        "decisions.when = 'event': must be tick if actions are velocities",
     ),
     ({"ghosts": 0}, "ghosts = 0.*1 to 4"),
     ({"ghosts": 5}, "ghosts = 5.*1 to 4"),

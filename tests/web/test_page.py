@@ -180,7 +180,7 @@ def test_ghost_chases_the_robot_by_clicks(visit: Visit) -> None:
     page.wait("Math.hypot(...[0, 1].map((k) => state.frame.ghost_goals[0][k] - state.frame.true[k])) < 0.01")
     page.slide("speed", FASTEST)
     page.press("start")
-    page.wait("document.querySelector('#result').textContent.startsWith('You won')")
+    page.wait("document.querySelector('#result').textContent.startsWith('You won: you caught the robot')")
 
 
 def test_preset_fills_form_but_keeps_changed_settings(visit: Visit) -> None:

@@ -125,7 +125,7 @@ def test_bag_of_running_recorder_is_refused_and_not_replaced(recorded: Path, tmp
     file.write_bytes((recorded / "first.mcap").read_bytes()[:-50])
     remedy = f"mkdir {out}; mcap recover {file} -o {out / 'first_0.mcap'}; ros2 bag reindex {out}"
     assert refusal(out, "not finished: Ctrl-C ends its recorder").endswith(f"if it was killed: {remedy}")
-    with pytest.raises(FileExistsError, match=r"first\.unfinished: .*; mcap recover "):
+    with pytest.raises(FileExistsError, match=r"first\.unfinished: already exists; delete it, or .*; mcap recover "):
         record(out, "robot_15")
 
 
