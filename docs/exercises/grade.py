@@ -32,14 +32,15 @@ def stopwatch() -> Iterator[None]:
     def stop(*_: Any) -> NoReturn:
         raise Missed(f"stopped after {MOST_S:g} s of processor time: make decisions of the policy faster")
 
-    if hasattr(signal, "setitimer"):
-        signal.signal(signal.SIGPROF, stop)
-        signal.setitimer(signal.ITIMER_PROF, MOST_S)
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, MOST_S)
     try:
         yield
     finally:
-        if hasattr(signal, "setitimer"):
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 def explain(error: BaseException, path: Path) -> str:

@@ -200,7 +200,7 @@ class Audience:
 
     def _hello(self, viewer: Viewer, choices: dict[str, Any]) -> dict[str, Any]:
         facts = {"version": __version__, "source": self._game.source, "access": viewer.access, "choices": choices}
-        return {"kind": "hello", **vocabulary(), **facts, "you": viewer.name, "again": viewer.key}
+        return {"kind": "hello", **vocabulary(self._game.source), **facts, "you": viewer.name, "again": viewer.key}
 
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)

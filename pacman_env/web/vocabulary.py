@@ -1,6 +1,6 @@
 """Names, colours, lights and sounds for the page, sent in the first message."""
 
-from typing import Any
+from typing import Any, Literal
 
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.game.ghosts import GHOSTS
@@ -16,6 +16,8 @@ STATES = {
     "dying": "Caught",
     "complete": "Complete",
 }
+#: In the simulator the robot is placed at home.
+SIMULATED_STATES = STATES | {"returning_home": "Preparing the next round"}
 RESULTS = {
     "complete": "All pellets collected",
     "cleared": "No pellet left",
@@ -45,14 +47,14 @@ TERMS = {
 }
 
 
-def vocabulary() -> dict[str, Any]:
+def vocabulary(source: Literal["simulator", "ros"] = "simulator") -> dict[str, Any]:
     ghosts = {
         ghost_role(number): {"name": ghost.name.capitalize(), "colour": ghost.colour}
         for number, ghost in enumerate(GHOSTS)
     }
     return {
         "roles": {ROBOT: {"name": "Robot", "colour": None}, **ghosts},
-        "states": STATES,
+        "states": STATES if source == "ros" else SIMULATED_STATES,
         "results": RESULTS,
         "terms": TERMS,
         "events": {

@@ -25,6 +25,7 @@ Row = Mapping[str, Any]
 
 BLOCK = re.compile(r"(<!-- figure: (\S+)/([\w-]+)((?: [\w.:-]+)*) -->)(.*?)(<!-- end -->)", re.DOTALL)
 _WIDTH = 150  # of the terminal's table, in characters
+_NAV2_HZ = 20.0  # controller_frequency in config/nav2.yaml
 
 
 def filled(page: str, records: Records) -> str:
@@ -147,7 +148,8 @@ def _driven(name: str, records: Records, words: Sequence[str]) -> str:
     rounds, lines = records[name]["values"], []
     for place, policy in dict.fromkeys((one["map"], one["policy"]) for one in rounds):
         ours = [one for one in rounds if (one["map"], one["policy"]) == (place, policy)]
-        on_time = [one for one in ours if one["late_cycles"] and int(one["late_cycles"]) < 0.2 * float(one["time_s"])]
+        counted = [one for one in ours if one["late_cycles"]]  # older rows have no count
+        on_time = [one for one in counted if int(one["late_cycles"]) < 0.01 * _NAV2_HZ * float(one["time_s"])]
         for driver, driven in (("Nav2", ours if len(on_time) < len(ours) else []), ("Nav2, on time", on_time)):
             if driven:
                 lines.append([f"`{place}`", f"`{policy}`", driver, *_summary(driven)])

@@ -45,10 +45,10 @@ def _call(service: topics.Service, status_line: StatusLine, wait_s: float) -> in
 def _stop(status_line: StatusLine, wait_s: float) -> int:
     status_line.operator.request(True, "a terminal")
     status_line.halt()
-    if not _print_obeying(status_line, wait_s, "stopped until 'pacman-env ros release'; obeyed by {}"):
-        return NO_ANSWER
-    names = status_line.get_node_names_and_namespaces()
-    running = [name for name, namespace in names if namespace == status_line.get_namespace()]
+    status = _print_obeying(status_line, wait_s, "stopped until 'pacman-env ros release'; obeyed by {}")
+    if status != DONE:
+        return status
+    running = status_line.discovered
     late = [name for name in DRIVERS if name in running and name not in status_line.operator.obeyed_by]
     if late:
         print(wrapped(f"NOT YET obeyed by {', '.join(late)}: watch the robot, it may still drive"))
@@ -64,7 +64,7 @@ def _release(status_line: StatusLine, wait_s: float) -> int:
         print("nothing was stopped")
         return DONE
     operator.request(False, "a terminal")
-    return DONE if _print_obeying(status_line, wait_s, "released; received by {}") else NO_ANSWER
+    return _print_obeying(status_line, wait_s, "released; received by {}")
 
 
 def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> int:
@@ -87,16 +87,15 @@ COMMANDS: dict[str, Callable[[StatusLine, float], int]] = {
 }
 
 
-def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> bool:
-    """Print which nodes have obeyed; return whether any has."""
+def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
+    """Print which nodes have obeyed; return DONE, or NO_ANSWER if none has."""
     operator = status_line.operator
     if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
-        _no_answer(status_line, topics.OPERATOR_STOP.name)
-        return False
+        return _no_answer(status_line, topics.OPERATOR_STOP.name)
     status_line.spin_until(lambda: False, SETTLE_S)
     status_line.spin_until(lambda: operator.obeyed_by_all, OBEY_S)
     print(wrapped(text.format(", ".join(operator.obeyed_by))))
-    return True
+    return DONE
 
 
 def _no_answer(status_line: StatusLine, what: str) -> int:

@@ -53,9 +53,7 @@ def settled(status_line: StatusLine, end_s: float) -> Missing:
 
 
 def _missing(status_line: StatusLine) -> Missing:
-    discovered = {
-        name for name, place in status_line.get_node_names_and_namespaces() if place == status_line.get_namespace()
-    }
+    discovered = status_line.discovered
     planner = ORIGINAL_SELECTOR if ORIGINAL_SELECTOR in discovered else SELECTOR
     nodes = [*((SIMULATOR,) if status_line.sim else ()), *GAME, planner]
     silent = [name for name in nodes if name not in status_line.game.nodes and name != ORIGINAL_SELECTOR]

@@ -75,6 +75,11 @@ class StatusLine(ObserverNode):
         return bool(self.condition.get("active") and self.condition.get("nav2"))
 
     @property
+    def discovered(self) -> set[str]:
+        """Names of the discovered nodes in the game's namespace."""
+        return {name for name, place in self.get_node_names_and_namespaces() if place == self.get_namespace()}
+
+    @property
     def has_selector(self) -> bool:
         """True if a goal selector is discovered; the referee asks the same before a round."""
         return self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name)) > 0

@@ -3,7 +3,7 @@
 import { ask, isOpen, request } from "./connection.js";
 import { $, clock, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { dismiss, notice, question } from "./notices.js";
-import { inControl, me, on, roundRuns, shownFrame, source, state } from "./state.js";
+import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
 
 const STOP_TIMEOUT_MS = 900;
 const STOP_TRIES = 3;
@@ -19,7 +19,6 @@ const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request
 function stateOf(frame) {
   if (state.story) return ["Replay", "story"];
   if (frame.stopped) return ["Stopped", "stopped"];
-  if (frame.state === "returning_home" && source() !== "ros") return ["Preparing the next round", frame.state]; // nothing drives
   return [frame.paused && frame.state === "running" ? "Paused" : state.hello.states[frame.state], frame.state];
 }
 
