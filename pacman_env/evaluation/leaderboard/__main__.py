@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.cli.command import Parser, run_command, whole_number
-from pacman_env.config import Config
+from pacman_env.config import Config, preset_names
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.leaderboard import numbers
 from pacman_env.evaluation.leaderboard.heat_map import draw
@@ -52,6 +52,7 @@ class LeaguePlan:
     """Rounds to play: every policy on every map of every cell."""
 
     suite: Suite
+    preset: str
     maps: dict[str, Scenario]  # the real maps by name
     policies: dict[str, str]  # names in results by spec
     hashes: dict[str, str | None]  # hashes of planner files by spec
@@ -61,7 +62,7 @@ class LeaguePlan:
 
     @functools.cached_property
     def cells(self) -> list[Cell]:
-        return cells(self.suite, self.maps)
+        return cells(self.suite, self.maps, self.preset)
 
     @functools.cached_property
     def places(self) -> dict[str, tuple[Scenario, Config]]:
@@ -102,6 +103,8 @@ def make_parser() -> Parser:
     add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="real maps: names, YAML files or folders (none)")
     add("--suite", default=_SUITE, metavar="NAME", help="suite: full, or quick, which takes a minute (%(default)s)")
     add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
+    presets = ", ".join(preset_names())
+    add("--preset", choices=preset_names(), default=PRESET, metavar="NAME", help=f"one of {presets} (%(default)s)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add_executor_arguments(parser)
     add("--resume", action="store_true", help="load the stored rounds and play only the missing ones")
@@ -173,7 +176,8 @@ def _plan(arguments: argparse.Namespace) -> LeaguePlan:
             raise ValueError(f"--maps {source}: test levels are in the suite")
     return LeaguePlan(
         suite=suite,
-        maps=scenarios.named_scenarios(list(dict.fromkeys(arguments.maps)), configs(suite)),
+        preset=arguments.preset,
+        maps=scenarios.named_scenarios(list(dict.fromkeys(arguments.maps)), configs(suite, arguments.preset)),
         policies=names,
         hashes=hashes,
         planner=names[arguments.planner],
@@ -215,7 +219,7 @@ def _table(plan: LeaguePlan, played: Sequence[NDArray], arguments: argparse.Name
         command=_command(arguments, list(plan.policies), arguments.planner),
         suite=arguments.suite,
         suite_content=plan.suite,
-        preset=PRESET,
+        preset=plan.preset,
         execution=EXECUTION,
         seed=plan.seed,
         maps=tuple(MapEntry(**scenarios.describe_scenario(name, *place)) for name, place in plan.places.items()),
@@ -231,6 +235,7 @@ def _command(arguments: argparse.Namespace, specs: list[str], planner: str) -> s
     """Return the command that repeats the rounds of these policies, without options that do not affect the rounds."""
     words = ["pacman-env", "leaderboard", "--suite", arguments.suite]
     words += [] if arguments.suites is None else ["--suites", str(arguments.suites)]
+    words += [] if arguments.preset == PRESET else ["--preset", arguments.preset]
     words += ["--seed", str(arguments.seed), "--policies", *specs, "--planner", planner]
     words += [] if len(specs) == 1 or arguments.apart == list(_APART) else ["--apart", *arguments.apart]
     words += ["--maps", *arguments.maps] if arguments.maps else []

@@ -78,15 +78,15 @@ def choose_suite(path: Path, name: str) -> Suite:
     return suites[name]
 
 
-def configs(suite: Suite) -> list[Config]:
+def configs(suite: Suite, preset: str = PRESET) -> list[Config]:
     """Return a configuration for every list of ghosts and every speed, ordered by ghosts, then by speed."""
     return [
-        make_config(PRESET, EXECUTION, **{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
+        make_config(preset, EXECUTION, **{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
         for ghosts, speed in itertools.product(suite.ghosts, suite.speeds_mps)
     ]
 
 
-def cells(suite: Suite, maps: dict[str, Scenario]) -> list[Cell]:
+def cells(suite: Suite, maps: dict[str, Scenario], preset: str = PRESET) -> list[Cell]:
     """Return the cells of a suite; ``maps`` are the real maps by name (without any, this group is missing)."""
     levels = Levels("test", count=suite.test_levels.levels)
     groups: list[tuple[str, dict[str, Scenario], int]] = [
@@ -94,7 +94,9 @@ def cells(suite: Suite, maps: dict[str, Scenario]) -> list[Cell]:
     ]
     if maps:
         groups.append((REAL_MAPS, maps, suite.real_maps.rounds))
-    return [Cell(group, config, places, rounds) for group, places, rounds in groups for config in configs(suite)]
+    return [
+        Cell(group, config, places, rounds) for group, places, rounds in groups for config in configs(suite, preset)
+    ]
 
 
 def _checked(name: str, values: Any, path: Path) -> Suite:

@@ -126,7 +126,8 @@ def test_planner_file_is_listed_with_hash_and_command(folder: Path) -> None:
     text = SUITE.replace("[wander], ", "").replace("rounds: 12", "rounds: 4").replace("60.0", "20.0")
     (folder / "own.yaml").write_text(text)
     arguments = ["--suites", "own.yaml", "--suite", "tiny", "--policies", "mine.onnx", "--planner", "mine.onnx"]
-    assert main(arguments) == 0
+    assert main([*arguments, "--preset", "robot_0_15"]) == 0
+    assert table(folder / "results")["preset"] == "robot_0_15"
     (entry,) = table(folder / "results")["policies"]
     assert (entry["name"], entry["spec"]) == ("mine", "mine.onnx")
     page = (folder / "results" / "leaderboard.md").read_text()

@@ -52,6 +52,7 @@ def test_settings_reach_every_cell(tmp_path: Path) -> None:
     found = cells(suite, {})
     assert len(found) == 4
     assert {(cell.config.time_limit_s, cell.config.refuges.spread) for cell in found} == {(40.0, 0)}
+    assert {cell.config.nav2.controller for cell in cells(suite, {}, "robot_0_15")} == {"pure_pursuit"}
 
 
 @pytest.mark.parametrize(
