@@ -7,6 +7,7 @@ from importlib import metadata
 from typing import Any
 
 from rclpy.action import ActionClient, ActionServer
+from rclpy.action.server import GoalEvent
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 
@@ -41,6 +42,13 @@ def destroy_state_machine(node: Any) -> None:
     machine = getattr(node, "_state_machine", None)
     if machine is not None:
         machine.destroy_when_not_in_use()
+
+
+def start_goal(goal: Any) -> None:
+    """Set an accepted goal to EXECUTING without calling its callback; do nothing without the attribute."""
+    start = getattr(goal, "_update_state", None)
+    if start is not None:
+        start(GoalEvent.EXECUTE)
 
 
 # For lock-step only

@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 from rclpy.clock_type import ClockType
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.time import Time
 
 from pacman_env.config import make_config, parse_settings
 from pacman_env.ros import topics
-from pacman_env.ros.node import BaseNode, Once
+from pacman_env.ros.node import BaseNode, Once, event_executor
 from pacman_env.ros.standstill import LEASE, STOOD_STILL
 from tests.ros.session import Session
 from tests.ros.system import Probe, Process, System
@@ -30,6 +31,12 @@ def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Proc
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["first"], what="its first command")
     probe.forget()
     return process
+
+
+def test_older_rclpy_has_another_executor(probe: Probe, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not isinstance(event_executor(probe.context), SingleThreadedExecutor)
+    monkeypatch.setitem(sys.modules, "rclpy.experimental.events_executor", None)
+    assert isinstance(event_executor(probe.context), SingleThreadedExecutor)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda n: n.name)

@@ -14,7 +14,6 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
@@ -22,6 +21,7 @@ from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.messages import pose_message
+from pacman_env.ros.node import event_executor
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
 from pacman_env.ros.operator_page.ros_view import RosView
@@ -93,7 +93,7 @@ class RosGame:
         self._out = {topic.name: topic.publisher(node) for topic in outputs}
         node.create_timer(_PERIOD_S, self._update, clock=self._surroundings.clock())
         if not lock_step:
-            self._executor = SingleThreadedExecutor(context=self._context)
+            self._executor = event_executor(self._context)
             self._executor.add_node(node)
             self._thread = threading.Thread(target=self._spin, name="page", daemon=True)
             self._thread.start()

@@ -19,6 +19,7 @@ from ...sim.core.navigate_to_pose import Navigation
 from .. import topics
 from ..messages import BadMessage, pose_message, pose_of, seconds_of
 from ..node import GameNode
+from ..rclpy_private import start_goal
 from .sim_faults import Faults
 
 MOST_NOTES = 1000
@@ -32,7 +33,6 @@ class Server(ABC):
         self.node, self.action = node, action
         self._group = ReentrantCallbackGroup()  # a goal that waits for acceptance does not block others
         self._handles: dict[bytes, Any] = {}  # goals that have not ended
-        self._results: dict[bytes, Future] = {}  # goals whose clients have no result yet
         self._server: Any = None
         self.open()
 
@@ -40,7 +40,7 @@ class Server(ABC):
         if self._server is None:
             self._server = self.action.server(
                 self.node,
-                self._execute,
+                lambda handle: None,  # end() gives the result
                 callback_group=self._group,
                 goal_callback=self._judge,
                 handle_accepted_callback=self._begin,
@@ -56,21 +56,16 @@ class Server(ABC):
 
     def _begin(self, handle: Any) -> None:
         key = bytes(handle.goal_id.uuid)
-        self._handles[key], self._results[key] = handle, Future()
-        handle.execute()
+        self._handles[key] = handle
+        start_goal(handle)
         self.begin(key, handle.request)
-
-    async def _execute(self, handle: Any) -> Any:
-        key = bytes(handle.goal_id.uuid)
-        result = await self._results[key]
-        del self._results[key]
-        return result
 
     def end(self, key: bytes, status: int, **result: Any) -> None:
         handle = self._handles.pop(key)
         ends = {GoalStatus.STATUS_SUCCEEDED: handle.succeed, GoalStatus.STATUS_CANCELED: handle.canceled}
         ends.get(status, handle.abort)()
-        self._results[key].set_result(self.action.type.Result(**result))
+        # Called only now: an event-driven executor would poll a coroutine that awaits the goal's end.
+        self._server.notify_execute(handle, lambda _: self.action.type.Result(**result))
 
     def publish_feedback(self, key: bytes, **feedback: Any) -> None:
         self._handles[key].publish_feedback(self.action.type.Feedback(**feedback))
