@@ -344,7 +344,7 @@ def event_executor(context: Any = None) -> Executor:
     """Return the executor for nodes that spin as long as a game.
 
     Events wake it, and a game needs half the processor time of SingleThreadedExecutor, which collects all entities of
-    its nodes before each wait. rclpy 7.1.3 and older have only the latter. Entities should live as long as their node: in a
+    its nodes before each wait. rclpy 7.1.3 has only the latter. Entities should live as long as their node: in a
     stress test EventsExecutor crashed when subscriptions were destroyed while nodes appeared and disappeared.
     """
     try:
