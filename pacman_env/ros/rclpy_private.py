@@ -1,6 +1,6 @@
 """All uses of rclpy's private attributes, for rclpy 7 (ROS 2 Jazzy).
 
-Lock-step needs the attributes and refuses other versions; nodes in separate processes also work without them.
+Lock-step needs the attributes and refuses other versions. The nodes of a real game also work without them.
 """
 
 from importlib import metadata
@@ -44,11 +44,12 @@ def destroy_state_machine(node: Any) -> None:
         machine.destroy_when_not_in_use()
 
 
+# For the simulated robot
+
+
 def start_goal(goal: Any) -> None:
-    """Set an accepted goal to EXECUTING without calling its callback; do nothing without the attribute."""
-    start = getattr(goal, "_update_state", None)
-    if start is not None:
-        start(GoalEvent.EXECUTE)
+    """Set an accepted goal to EXECUTING without calling its callback."""
+    goal._update_state(GoalEvent.EXECUTE)
 
 
 # For lock-step only
