@@ -169,7 +169,7 @@ def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_pat
     few = ["--episodes", "2", "--endless", "0", "--speeds", "0.3", "--variant", "--set", "time_limit_s=20"]
     run(*script, "report", *few, "--policies", "nearest", "--workers", "1", cwd=tmp_path, site=site)
     assert "<svg" in (tmp_path / "results" / "report.html").read_text()
-    short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random", "--workers", "2"]
+    short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random_pellet", "--workers", "2"]
     out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, site=site)
     assert "written: results/numbers.json, results/numbers.png" in out
     found = {path.name for path in (tmp_path / "results").iterdir()}

@@ -1,7 +1,7 @@
 """Play the reference scores of the ids, which ``scripts/figures`` stores, and write their tables.
 
-The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments. Built-in policies choose the
-goals. If actions are velocities, ``random`` draws them from the action space, and there are no other scores.
+The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments. ``random`` draws allowed actions from
+the action space. The other policies choose goals, so an id with velocity actions has the scores of ``random`` only.
 """
 
 from typing import Any
@@ -17,7 +17,7 @@ from pacman_env.policies.registry import make_policy
 from tools.common import table
 from tools.figures import store
 
-POLICIES = ("random", "nearest", "clyde_aware", "lookahead", "ppo")
+POLICIES = ("random", "random_pellet", "nearest", "clyde_aware", "lookahead", "ppo")
 _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 
@@ -35,7 +35,10 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
         if "round" in infos and (infos["round"] != number).any():  # reset the policy for the new round
             policy.reset(infos["round"] != number, envs.config)
             number = infos["round"].copy()
-        action = envs.action_space.sample() if drives else envs.action_of(policy.select(envs.situation))
+        if name == POLICIES[0]:
+            action = envs.action_space.sample(None if drives else tuple(envs.action_masks().astype(np.int8)))
+        else:
+            action = envs.action_of(policy.select(envs.situation))
         _, rewards, terminated, truncated, infos = envs.step(action)
         returns += np.where(over, 0.0, rewards)
         counted = (key for key in ("outcome", "collected", "round", "score", "ghosts_caught") if key in infos)

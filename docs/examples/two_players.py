@@ -1,8 +1,8 @@
 """Robot and ghost that both learn, in turns, by stock MaskablePPO: ``python docs/examples/two_players.py --turns 2``.
 
 Each side is a VecEnv of its own over :func:`pacman_env.parallel_vec_env`, in which the other side's current policy
-plays. After each turn the robots `learned`, `nearest` and `random` play the same rounds against a ghost that wanders
-and against the learned ghost. It needs the extra `train`.
+plays. After each turn the robots `learned`, `nearest` and `random_pellet` play the same rounds against a wandering
+ghost and against the learned ghost. It needs the extra `train`.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ SIDES = ("pacman", "clyde")
 GAMES = 16  # at once
 GAMMA = 0.99
 TEST_SEED = 1_000_000
+RULES = ("nearest", "random_pellet")  # robots to compare with
 #: A random choice every 0.5 s makes an agent dither, and several agents cannot decide by events. So decisions last
 #: 2 s, another pellet is not taken within 8 s, and there are few refuges.
 ARGUMENTS: dict[str, Any] = {
@@ -139,7 +140,7 @@ def rounds(games: PacManBotParallelVecEnv, players: tuple[Player, Player], seed:
 def measure(models: list[MaskablePPO], number: int) -> list[dict[str, Any]]:
     """Play the same ``number`` of rounds with every pair of a robot and a ghost."""
     games = PacManBotParallelVecEnv(number, autoreset_mode="Disabled", **ARGUMENTS)
-    robots = {"learned": learned(models[0], 0, likeliest=True), "nearest": rule("nearest"), "random": rule("random")}
+    robots = {"learned": learned(models[0], 0, likeliest=True)} | {name: rule(name) for name in RULES}
     ghosts = {"wander": wander, "learned": learned(models[1], 1, likeliest=True)}
     rows = []
     for (robot, player), (ghost, rival) in ((one, other) for one in robots.items() for other in ghosts.items()):

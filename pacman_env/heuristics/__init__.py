@@ -1,1 +1,1 @@
-"""Handcrafted policies: the scorer of Algorithm 3, look-ahead, search, nearest pellet, random pellet."""
+"""Handcrafted policies: the scorer of Algorithm 3, look-ahead, search, nearest pellet, random choices."""

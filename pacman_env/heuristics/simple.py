@@ -1,4 +1,4 @@
-"""Two baselines that ignore Clyde: the nearest pellet by path length, and a random pellet."""
+"""Baselines that ignore Clyde: the nearest pellet by path length, a random pellet, random candidates."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
-from pacman_env.policies.base import BasePolicy, Flags, Floats, Indices, Kinds
+from pacman_env.policies.base import BasePolicy, Flags, Floats, Indices
 from pacman_env.rng import POLICY, stream, uniform
 from pacman_env.sim.observation.situation import PELLET, Situation
 
@@ -37,30 +37,40 @@ class Nearest(BasePolicy):
 
 
 @kernel
-def random_scores(
-    seed: NDArray[np.uint64], tick: Indices, current: Indices, kind: Kinds, mask: Flags, out: Floats
-) -> None:
-    """Write a number in [0, 1) by (seed, tick, candidate) for allowed pellets, 1 for the current one, else -inf."""
+def random_scores(seed: NDArray[np.uint64], tick: Indices, current: Indices, allowed: Flags, out: Floats) -> None:
+    """Write a number in [0, 1) by (seed, tick, candidate) for allowed candidates, 1 for the current one, else -inf."""
     for n in range(out.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
         for c in range(out.shape[1]):
             state, draw = uniform(state)
-            if kind[n, c] != PELLET or not mask[n, c]:
+            if not allowed[n, c]:
                 out[n, c] = -np.inf
             else:
                 out[n, c] = 1.0 if c == current[n] else draw
 
 
-class Random(BasePolicy):
+class RandomPellet(BasePolicy):
     """Chooses a pellet uniformly and keeps it until it is collected or forbidden.
 
     The draw only depends on the game's seed and tick, not on its batch.
     """
 
-    name = "random"
+    name = "random_pellet"
 
     def scores(self, situation: Situation) -> Floats:
         """Return independent uniform numbers (N, C), and 1 for the current pellet."""
+        out, pellets = np.empty(situation.mask.shape), situation.mask & (situation.kind == PELLET)
+        random_scores(situation.seed, situation.tick, situation.current, pellets, out)
+        return out
+
+
+class Random(BasePolicy):
+    """Chooses among the allowed candidates uniformly at each decision, by the game's seed and tick."""
+
+    name = "random"
+
+    def scores(self, situation: Situation) -> Floats:
+        """Return independent uniform numbers (N, C) for allowed candidates, and -inf for other candidates."""
         out = np.empty(situation.mask.shape)
-        random_scores(situation.seed, situation.tick, situation.current, situation.kind, situation.mask, out)
+        random_scores(situation.seed, situation.tick, np.full_like(situation.current, -1), situation.mask, out)
         return out

@@ -24,6 +24,7 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
         "nearest": "pacman_env.heuristics.simple:Nearest",
         "ppo": LearnedPlanner,
         "random": "pacman_env.heuristics.simple:Random",
+        "random_pellet": "pacman_env.heuristics.simple:RandomPellet",
         "search": "pacman_env.heuristics.search.search:Search",
         "search:alone": "pacman_env.heuristics.search.search:alone",
     },

@@ -2,7 +2,7 @@
 
 The learner is Stable-Baselines3's PPO or sb3-contrib's MaskablePPO, with its defaults on combinations of observation
 and decisions, or with the tuned values of ``baselines.yaml``. At intervals the model plays the same test rounds, which
-the policies ``nearest`` and ``random`` play too.
+the policies ``nearest`` and ``random_pellet`` play too.
 """
 
 import argparse
@@ -49,7 +49,7 @@ COMBINATIONS = {
     for kind, given in _KINDS.items()
     for decide in ("event", "tick")
 }
-_RULES = ("nearest", "random")
+_RULES = ("nearest", "random_pellet")
 _TEST_GAMES = 8  # games in parallel
 _TEST_SEED = 1_000_000  # seed of the test rounds
 Point = dict[str, Any]  # point of a curve: figures after some decisions

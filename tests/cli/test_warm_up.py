@@ -56,7 +56,7 @@ for arguments in games:
         copy.deepcopy(env).step(env.action_space.sample())
 envs = PacManBotVectorEnv(3)
 envs.reset(seed=1)
-for name in ("clyde_aware", "lookahead", "nearest", "ppo", "random"):
+for name in ("clyde_aware", "lookahead", "nearest", "ppo", "random", "random_pellet"):
     policy = make_policy(name)
     policy.reset(np.ones(3, np.bool_), envs.config)
     envs.step(policy.select(envs.situation))

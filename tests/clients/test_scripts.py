@@ -64,7 +64,7 @@ def run(
     model = folder / "model.zip"
     said = output(*python, str(SCRIPTS / script), "--num-envs", "1", "--save", str(model), decisions=decisions)
     assert re.search(r"^loop: \d+\.\d \[.*\] % of 4 rounds completed$", said, re.MULTILINE)
-    assert re.findall(r"^  (\w+) \d+\.\d %, difference [+-]", said, re.MULTILINE) == ["nearest", "random"]
+    assert re.findall(r"^  (\w+) \d+\.\d %, difference [+-]", said, re.MULTILINE) == ["nearest", "random_pellet"]
     return model
 
 

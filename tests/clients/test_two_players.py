@@ -87,7 +87,8 @@ def test_both_sides_learn_reproducibly_by_seed(example: ModuleType, monkeypatch:
     assert first == reached(1)
     assert first != reached(2)
     pairs = [(row["robot"], row["ghost"]) for row in first[-1]]
-    assert pairs == [(robot, ghost) for robot in ("learned", "nearest", "random") for ghost in ("wander", "learned")]
+    robots = ("learned", "nearest", "random_pellet")
+    assert pairs == [(robot, ghost) for robot in robots for ghost in ("wander", "learned")]
     for row in first[-1]:
         assert row["running"] == 0
         assert sum(row[name] for name in OUTCOMES) == 2

@@ -67,7 +67,7 @@ def play(seed: int, policy: str, **arguments: Any) -> dict[str, Any]:
     return info
 
 
-@pytest.mark.parametrize(("policy", "rules"), [("nearest", "robust"), ("random", "as_built")])
+@pytest.mark.parametrize(("policy", "rules"), [("nearest", "robust"), ("random_pellet", "as_built")])
 def test_event_decisions_play_same_game_as_ticks(policy: str, rules: str) -> None:
     for seed in range(max(1, EPISODES // 2)):
         settings = {"clyde.speed_mps": 0.1 + 0.05 * (seed % 8), "time_limit_s": 120.0, "decisions.discount_per_s": 0.99}

@@ -25,7 +25,7 @@ def test_episode_seeds_differ_and_have_a_fixed_order() -> None:
 
 
 def test_rounds_do_not_depend_on_their_batch() -> None:
-    for policy in ("clyde_aware", "random"):
+    for policy in ("clyde_aware", "random_pellet"):
         np.testing.assert_array_equal(played(policy)[0], played(policy, batch_size=5)[0])
         np.testing.assert_array_equal(played(policy)[0][:5], played(policy, 5, 1)[0])
     np.testing.assert_array_equal(played_endless("clyde_aware"), played_endless("clyde_aware", 3))

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pacman_env.heuristics.simple import Nearest, Random
+from pacman_env.heuristics.simple import Nearest, Random, RandomPellet
 from pacman_env.sim.observation.situation import PELLET, Situation
 from tests.policies.contract import random_situation
 
@@ -43,29 +43,37 @@ def test_nearest_refuses_an_impossible_margin() -> None:
             Nearest(replan_margin_m=margin)
 
 
-def test_random_draws_allowed_pellets_uniformly() -> None:
+def test_random_pellet_draws_allowed_pellets_uniformly() -> None:
     games = 8000
     situation = random_situation(1, games, pellets=4, refuges=1, allowed=1.0)
     mask = situation.mask.copy()
     mask[:, 1] = False
-    goal = Random().select(replace(situation, mask=mask, current=np.full(games, -1)))
+    goal = RandomPellet().select(replace(situation, mask=mask, current=np.full(games, -1)))
     share = np.bincount(goal, minlength=6) / games
     np.testing.assert_allclose(share, [1 / 3, 0, 1 / 3, 1 / 3, 0, 0], atol=0.02)
 
 
-def test_random_depends_on_tick_and_seed() -> None:
+def test_random_draws_allowed_candidates_uniformly_whatever_is_pursued() -> None:
+    situation = random_situation(1, 8000, pellets=4, refuges=1, allowed=1.0)
+    mask = situation.mask.copy()
+    mask[:, 1] = False
+    goal = Random().select(replace(situation, mask=mask, current=np.zeros(8000, np.int64)))
+    np.testing.assert_allclose(np.bincount(goal, minlength=6) / 8000, [0.2, 0, 0.2, 0.2, 0.2, 0.2], atol=0.02)
+
+
+def test_random_pellet_depends_on_tick_and_seed() -> None:
     situation = replace(random_situation(2, 200, pellets=20, allowed=1.0), current=np.full(200, -1))
     base = replace(situation, seed=np.full(200, 7, np.uint64), tick=np.zeros(200, np.int64))
-    assert len(set(Random().select(base).tolist())) == 1
+    assert len(set(RandomPellet().select(base).tolist())) == 1
     for changed in (replace(base, seed=np.arange(200, dtype=np.uint64)), replace(base, tick=np.arange(200))):
-        assert len(set(Random().select(changed).tolist())) == 20
+        assert len(set(RandomPellet().select(changed).tolist())) == 20
 
 
-def test_random_keeps_its_pellet_while_allowed() -> None:
+def test_random_pellet_keeps_its_pellet_while_allowed() -> None:
     situation = random_situation(3, 300, allowed=0.6)
     games, current = np.arange(300), situation.current
     kept = (current >= 0) & situation.mask[games, current] & (situation.kind[games, current] == PELLET)
-    goal = Random().select(situation)
+    goal = RandomPellet().select(situation)
     assert 0 < kept.sum() < 300
     assert (goal[kept] == current[kept]).all()
     assert (goal[~kept] != current[~kept]).any()

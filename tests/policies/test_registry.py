@@ -34,7 +34,9 @@ class TestEveryPolicyByName(PolicyContract):
 
 
 def test_handcrafted_policies_are_registered() -> None:
-    assert {"clyde_aware", "clyde_aware:documented", "nearest", "random", "search:alone"} <= set(policy_names())
+    assert {"clyde_aware", "clyde_aware:documented", "nearest", "random", "random_pellet", "search:alone"} <= set(
+        policy_names()
+    )
     assert make_policy("search:alone", nodes=4000).base.name == "lookahead"  # type: ignore[attr-defined]
 
 
@@ -69,7 +71,7 @@ def test_unknown_name_is_answered_with_known_ones(name: str, offered: str) -> No
 
 def test_name_is_registered_once() -> None:
     with pytest.raises(ValueError, match="'nearest' is registered already"):
-        register_policy("nearest", lambda: make_policy("random"))
+        register_policy("nearest", lambda: make_policy("random_pellet"))
 
 
 def test_registry_imports_neither_torch_nor_environments() -> None:

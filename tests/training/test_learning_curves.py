@@ -38,7 +38,7 @@ def test_quick_run_writes_figures_of_one_curve(tmp_path: Path) -> None:
     assert all(
         low <= point["completed"] <= high for point in curve["points"] for low, high in [point["completed_interval"]]
     )
-    assert set(curve["references"]) == {"nearest", "random"}
+    assert set(curve["references"]) == {"nearest", "random_pellet"}
 
 
 @pytest.mark.daily
@@ -56,7 +56,7 @@ def test_every_baseline_learns_in_short_run(tmp_path: Path) -> None:
     for curve in found["curves"]:
         assert curve["points"][-1]["decisions"] >= 256
         assert 0 <= curve["points"][-1]["completed"] <= 1
-        assert set(curve["references"]) == {"nearest", "random"}
+        assert set(curve["references"]) == {"nearest", "random_pellet"}
 
 
 @pytest.mark.parametrize(

@@ -110,11 +110,11 @@ def test_completion_table_plays_each_requested_pair_once() -> None:
     table.play("nearest", ["wander"])
     first = table.completed["nearest"]["wander"]
     table.play("nearest", ["wander"])
-    table.play("random", ["chase"])
+    table.play("random_pellet", ["chase"])
     assert table.completed["nearest"]["wander"] is first
     assert table.shares()["nearest"] == {"wander": first.mean()}
     lines = table.render().splitlines()
     assert lines[0] == "| completed of 4 | wander | chase |"
     assert lines[2].startswith(f"| nearest | {first.mean():.1%} [")
     assert lines[2].endswith("|  |")
-    assert lines[3].startswith("| random |  |")
+    assert lines[3].startswith("| random_pellet |  |")

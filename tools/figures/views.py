@@ -45,7 +45,8 @@ def filled(page: str, records: Records) -> str:
 
 def _stamp(name: str, records: Records, words: Sequence[str]) -> str:
     shown = records[name] if name in records else records[f"ids/{next(iter(IDS)).split('/')[1]}"]
-    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}"
+    later = "".join(f"; `{row}`: {stamp}" for row, stamp in shown.get("later", {}).items())  # rows of another version
+    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}{later}"
 
 
 def _command(name: str, records: Records, words: Sequence[str]) -> str:

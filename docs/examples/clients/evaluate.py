@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pacman_env import OUTCOMES, PacManBotVectorEnv, make_policy, paired_difference, wilson
 
 Choose = Callable[[Any, NDArray[np.bool_]], NDArray[Any]]
-BASELINES = ("nearest", "random")
+BASELINES = ("nearest", "random_pellet")
 BATCH = 50  # games at once
 #: Settings of two players; the game of one player has the robot's observation of two with them.
 TWO_PLAYERS: dict[str, Any] = {

@@ -49,7 +49,7 @@ VARIANTS = (
     ValidationVariant("reference", "the original as it was"),
     ValidationVariant("selector", "milestone's form of the scorer", "clyde_aware:documented"),
     ValidationVariant("selector", "nearest pellet", "nearest"),
-    ValidationVariant("selector", "random pellet", "random"),
+    ValidationVariant("selector", "random pellet", "random_pellet"),
     ValidationVariant("belief", "fresh pose from TF, with AMCL's error", changes={"execution.pose_source": "tf"}),
     ValidationVariant("belief", "perfect localization", changes={"localization.perfect": True}),
     ValidationVariant("belief", "AMCL's error as its own filter has it in this house", changes={

@@ -39,7 +39,7 @@ def make_parser() -> Parser:
         " for any number of workers and threads.",
     )
     add = parser.add_argument
-    policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random")
+    policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random_pellet")
     scenarios.add_policy_arguments(parser, policies, "policies; all are compared with the first")
     scenarios.add_game_arguments(parser, several=True)
     add("--episodes", type=count(), default=200, metavar="N", help="rounds or games per map, speed and policy (200)")

@@ -54,7 +54,7 @@ def make_parser() -> Parser:
         " times (of the policy alone, for one situation). All other results are the same for any number of"
         " workers.",
     )
-    policies = ("ppo", "clyde_aware", "lookahead", "nearest", "random")
+    policies = ("ppo", "clyde_aware", "lookahead", "nearest", "random_pellet")
     scenarios.add_policy_arguments(parser, policies, "policies in the order of the page")
     add = parser.add_argument
     add("--baseline", default="clyde_aware", metavar="POLICY", help="policy to compare the others with (%(default)s)")

@@ -16,7 +16,7 @@ def test_no_policy_survives_longer_than_bound(name: str, speed: float) -> None:
     row = MapBounds(assets, seeds).row(config, 0)
     longest = np.array([np.inf if seconds is None else seconds for seconds in row["caught_s"]])
     assert np.isfinite(longest).all()
-    for policy in ("nearest", "random"):
+    for policy in ("nearest", "random_pellet"):
         played, _ = play(assets, config, policy, seeds)
         won = played["end"] == COMPLETE
         assert (won | (played["time_s"] <= longest)).all(), (played["time_s"] - longest).max()

@@ -13,11 +13,11 @@ from tests.evaluation.rounds.test_summary import PROMISED
 
 def test_json_has_every_row_and_setting(tmp_path: Path) -> None:
     path = tmp_path / "a [1,\n 2] b" / "out.json"
-    policies = ["--policies", "nearest", "random", "nearest"]
+    policies = ["--policies", "nearest", "random_pellet", "nearest"]
     comparison(path, "--clyde-speed", "0.25", "0.4", *policies, "--seed", "7", "--plot", str(tmp_path / "p.png"))
     result = json.loads(path.read_text())
     rows = result["rows"]
-    played = [("nearest", 0.25), ("random", 0.25), ("nearest", 0.4), ("random", 0.4)]
+    played = [("nearest", 0.25), ("random_pellet", 0.25), ("nearest", 0.4), ("random_pellet", 0.4)]
     assert [(row["policy"], row["clyde_speed"]) for row in rows] == played
     for row in rows:
         assert set(row) >= PROMISED
@@ -31,7 +31,7 @@ def test_json_has_every_row_and_setting(tmp_path: Path) -> None:
     assert (result["schema"], result["version"], result["seed"]) == (SCHEMA, __version__, 7)
     assert (result["kind"], result["preset"], result["execution"]) == ("compare", "robot", "robust")
     assert result["maps"] == [{"name": "house", "source": "house", "hash": load_map("house").hash}]
-    assert result["policies"] == [{"name": name, "spec": name} for name in ("nearest", "random")]
+    assert result["policies"] == [{"name": name, "spec": name} for name in ("nearest", "random_pellet")]
     assert result["seeds"] == [str(seed) for seed in episode_seeds(7, 8)]
     assert result["config"]["pellets"]["spacing_m"] == 3.0
     assert result["arguments"]["clyde_speed"] == [0.25, 0.4]

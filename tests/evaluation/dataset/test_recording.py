@@ -79,12 +79,12 @@ def test_recorded_round_equals_round_of_single_environment(name: str) -> None:
 
 def test_rounds_are_same_when_recorded_together_or_alone() -> None:
     arguments, seeds = ENVIRONMENTS["flat"], round_seeds(0, 80)
-    together = record(Recording("random", arguments, seeds))
+    together = record(Recording("random_pellet", arguments, seeds))
     assert (together.rounds["seed"] == seeds).all()
     some = [0, 41, 79]
     for number, (decisions, looks) in enumerate(together.slices()):
         if number in some:
-            alone = record(Recording("random", arguments, seeds[number : number + 1]))
+            alone = record(Recording("random_pellet", arguments, seeds[number : number + 1]))
             np.testing.assert_array_equal(alone.actions, together.actions[decisions])
             np.testing.assert_array_equal(alone.observations[""], together.observations[""][looks])
 

@@ -109,15 +109,15 @@ def test_added_policy_keeps_rows_of_other_policies(
     tiny: Path, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     shutil.copytree(tiny / "leaderboard", folder / "results" / "leaderboard")
-    more = ["--resume", "--workers", "2", "--apart", "random"]
-    found = table(run(folder, *more, policies="nearest random clyde_aware"))
+    more = ["--resume", "--workers", "2", "--apart", "random_pellet"]
+    found = table(run(folder, *more, policies="nearest random_pellet clyde_aware"))
     assert "36/36" in capsys.readouterr().err  # the rounds of one policy
     for ours, cell in zip(found["cells"], table(tiny)["cells"], strict=True):
-        assert [row["policy"] for row in ours["policies"]] == ["nearest", "random", "clyde_aware"]
+        assert [row["policy"] for row in ours["policies"]] == ["nearest", "random_pellet", "clyde_aware"]
         assert [ours["policies"][0], ours["policies"][2]] == cell["policies"]
-        assert ours["against"] == cell["against"]  # random is reported apart
+        assert ours["against"] == cell["against"]  # random_pellet is reported apart
     assert [entry["apart"] for entry in found["policies"]] == [False, True, False]
-    assert "(`random` is reported apart)" in (folder / "results" / "leaderboard.md").read_text()
+    assert "(`random_pellet` is reported apart)" in (folder / "results" / "leaderboard.md").read_text()
 
 
 def test_planner_file_is_listed_with_hash_and_command(folder: Path) -> None:

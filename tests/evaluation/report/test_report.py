@@ -18,7 +18,7 @@ from tests.evaluation.helpers import CONFIG
 
 SHORT = ["--set", "pellets.spacing_m=3", "--set", "time_limit_s=120", "--execution", "as_built"]
 FEW = [*SHORT, "--episodes", "12", "--endless", "3", "--speeds", "0.25", "0.4", "--seed", "5"]
-POLICIES = ["--policies", "clyde_aware", "random", "--baseline", "random"]
+POLICIES = ["--policies", "clyde_aware", "random_pellet", "--baseline", "random_pellet"]
 VOID = {"meta", "br", "path", "circle", "rect", "polyline", "polygon", "i"}
 
 
@@ -81,13 +81,13 @@ def test_json_describes_played_rounds(made: tuple[dict[str, Any], Path]) -> None
     assert report["command"].startswith("pacman-env report --set pellets.spacing_m=3")
     assert f"--out {page}" in report["command"]
     assert report["config"] == json.loads(json.dumps(CONFIG.as_dict()))
-    assert [(p["name"], p["baseline"]) for p in report["policies"]] == [("clyde_aware", False), ("random", True)]
+    assert [(p["name"], p["baseline"]) for p in report["policies"]] == [("clyde_aware", False), ("random_pellet", True)]
 
 
 def test_rows_compare_with_baseline_and_variants_with_policy(made: tuple[dict[str, Any], Path]) -> None:
     report, _ = made
     for part, speed in (("rounds", 0.25), ("rounds", 0.4), ("endless games", 0.25), ("no refuges", 0.25)):
-        ours, theirs = (row_of(report, policy, part, speed) for policy in ("clyde_aware", "random"))
+        ours, theirs = (row_of(report, policy, part, speed) for policy in ("clyde_aware", "random_pellet"))
         if part == "no refuges":
             theirs = row_of(report, "clyde_aware")
         name = "pellets_mean" if part == "endless games" else "completion_rate"
@@ -96,7 +96,7 @@ def test_rows_compare_with_baseline_and_variants_with_policy(made: tuple[dict[st
         alone = row_of(report, "clyde_aware", part, speed, "house")
         assert {**alone, "map": None, "outcomes": None} == {**ours, "outcomes": None}  # one map is all maps
     assert [row["iqm"] for row in report["summary"]] == [
-        pytest.approx(row_of(report, policy)["completion_rate"]) for policy in ("clyde_aware", "random")
+        pytest.approx(row_of(report, policy)["completion_rate"]) for policy in ("clyde_aware", "random_pellet")
     ]
 
 
@@ -113,7 +113,7 @@ def test_page_shows_caught_ghosts_if_there_are_power_pellets(made: tuple[dict[st
 
 def test_pair_lists_rounds_completed_by_one_policy_only(made: tuple[dict[str, Any], Path]) -> None:
     report, page = made
-    ours, theirs = (outcomes(report, policy)["end"] for policy in ("clyde_aware", "random"))
+    ours, theirs = (outcomes(report, policy)["end"] for policy in ("clyde_aware", "random_pellet"))
     won = [(a == "C") - (b == "C") for a, b in zip(ours, theirs, strict=True)]
     for name, sign in (("wins", 1), ("losses", -1)):
         expected = [seed for seed, side in zip(report["seeds"], won, strict=True) if side == sign]
@@ -177,7 +177,7 @@ def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
     report, _ = made
     evil = "<script>alert('1')</script>\"&"
     text = json.dumps(report)
-    for name in ("random", "clyde_aware", "house", "no refuges", "a refuge", "as_built"):
+    for name in ("random_pellet", "clyde_aware", "house", "no refuges", "a refuge", "as_built"):
         text = text.replace(f'"{name}"', json.dumps(evil + name))
     changed = json.loads(text)
     changed["policies"][0]["facts"] = {evil: evil}
@@ -190,7 +190,8 @@ def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
 
 def test_quick_report_plays_few_rounds_on_levels(tmp_path: Path) -> None:
     files = ["--out", str(tmp_path / "p.html"), "--json", str(tmp_path / "p.json")]
-    short = ["--set", "time_limit_s=5", "--policies", "random", "--baseline", "random", "--levels", "test"]
+    names = ["--policies", "random_pellet", "--baseline", "random_pellet"]
+    short = ["--set", "time_limit_s=5", *names, "--levels", "test"]
     assert main(["--quick", *short, "--num-levels", "2", "--variant", *files]) == 0
     report = json.loads((tmp_path / "p.json").read_text())
     assert (report["episodes"], report["endless_games"]) == (24, 12)

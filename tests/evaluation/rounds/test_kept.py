@@ -45,7 +45,7 @@ def test_interrupted_run_keeps_ended_rounds(tmp_path: Path) -> None:
         if sum(ended) > 4:  # in the second matchup
             raise KeyboardInterrupt
 
-    matchups = [matchup(rounds=4), matchup("random", rounds=4)]
+    matchups = [matchup(rounds=4), matchup("random_pellet", rounds=4)]
     with pytest.raises(KeyboardInterrupt):
         KeptRounds(tmp_path, matchups, resume=True).play(InProcess(), interrupt)
     assert play(tmp_path, *matchups) == 4
@@ -53,8 +53,8 @@ def test_interrupted_run_keeps_ended_rounds(tmp_path: Path) -> None:
 
 def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
     assert play(tmp_path, matchup(rounds=4)) == 4
-    assert play(tmp_path, matchup(rounds=6), matchup("random")) == 8
-    assert play(tmp_path, matchup("random", rounds=5), matchup(rounds=6), matchup(rounds=2)) == 0
+    assert play(tmp_path, matchup(rounds=6), matchup("random_pellet")) == 8
+    assert play(tmp_path, matchup("random_pellet", rounds=5), matchup(rounds=6), matchup(rounds=2)) == 0
     levels = Matchup(LEVELS, LEVELS_CONFIG, "nearest", episode_seeds(5, 6))
     assert play(tmp_path, levels) == 6
     assert play(tmp_path, levels) == 0
@@ -65,7 +65,7 @@ def test_kept_rounds_are_found_for_any_division(tmp_path: Path) -> None:
 def test_key_contains_everything_that_determines_rounds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     play(tmp_path, matchup(rounds=2))
     others = [
-        matchup("random", rounds=2),
+        matchup("random_pellet", rounds=2),
         matchup(str(PRETRAINED), rounds=2),
         matchup(rounds=2, time_limit_s=30.0),
         matchup(rounds=2, **{"clyde.ghosts": ("chase",)}),
@@ -119,7 +119,7 @@ def test_damaged_file_is_reported_and_rounds_played_again(
     (path,) = tmp_path.iterdir()
     text = path.read_text()
     if damage == "foreign":
-        play(tmp_path, matchup("random"))
+        play(tmp_path, matchup("random_pellet"))
         (other,) = set(tmp_path.iterdir()) - {path}
         other.replace(path)
     else:

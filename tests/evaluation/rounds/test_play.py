@@ -11,9 +11,9 @@ from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, play
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_rounds_are_same_in_seed_order_with_any_workers(workers: int) -> None:
-    matchups = [Matchup("house", CONFIG, policy, episode_seeds(5, 12)) for policy in ("clyde_aware", "random")]
+    matchups = [Matchup("house", CONFIG, policy, episode_seeds(5, 12)) for policy in ("clyde_aware", "random_pellet")]
     matchups += [Matchup(LEVELS, LEVELS_CONFIG, policy, episode_seeds(5, 8)) for policy in ("lookahead", "nearest")]
-    expected = [*(played(policy)[0] for policy in ("clyde_aware", "random"))]
+    expected = [*(played(policy)[0] for policy in ("clyde_aware", "random_pellet"))]
     expected += [played_on_levels(policy) for policy in ("lookahead", "nearest")]
     with local(workers) as executor:
         for _ in range(workers):

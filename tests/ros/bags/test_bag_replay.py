@@ -65,7 +65,7 @@ def test_policy_is_asked_at_recorded_events(domain: int, tmp_path: Path) -> None
 
 
 def test_another_policy_is_reported_where_it_differs(bag: Path) -> None:
-    report = replay(bag, "random")
+    report = replay(bag, "random_pellet")
     other = report.decisions - report.same - report.unknown
     assert other > 0
     assert sum(one.decisions for one in report.otherwise) == other

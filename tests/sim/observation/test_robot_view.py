@@ -123,7 +123,7 @@ def test_robot_sees_and_chooses_like_the_simulator(source: str, seed: int) -> No
 
 
 def test_robot_matches_simulator_despite_aborts_and_fast_ghosts() -> None:
-    policies = [make_policy("lookahead"), make_policy("clyde_aware"), make_policy("nearest"), make_policy("random")]
+    policies = [make_policy(name) for name in ("lookahead", "clyde_aware", "nearest", "random_pellet")]
     changes = {"nav2.abort_rate": 0.5, "clyde.speed_mps": 0.45, "execution.death_radius_m": 1e-6}
     assert play("maze", 5, policies, 150, **changes)["barred"] > 5
 
