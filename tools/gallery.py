@@ -142,7 +142,7 @@ def draw_reading(theme: Theme) -> Image:
     column, row = np.floor(np.stack(assets.occupancy.world_to_cell(x, y)) + 0.5).astype(int)
     saved = assets.occupancy.grey[row.min() : row.max() + 1, column.min() : column.max() + 1]
     saved = cv2.cvtColor(cv2.resize(saved, game.shape[1::-1], interpolation=cv2.INTER_NEAREST), cv2.COLOR_GRAY2RGB)
-    return sheet(theme, [saved, game], 2, ("the image that SLAM saved", "what is played on"))
+    return sheet(theme, [saved, game], 2, ("the image of the map", "what is played on"))
 
 
 def draw_houses(theme: Theme) -> Image:

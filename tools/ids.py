@@ -3,6 +3,7 @@
 import argparse
 import dataclasses
 import inspect
+import math
 import operator
 import re
 import sys
@@ -152,6 +153,7 @@ def page(env_id: str, env: Any) -> str:
         "figure": figure_of(env_id),
         "stamp": VIEWS["stamp"](figure_of(env_id), store.read(), ()),
         "scores": scores_of(env_id, scores),
+        "solvers": [f"`{name}`" for name, one in scores[env_id].items() if one["return"] >= (entry.solved or math.inf)],
         "episodes": scores[env_id]["random"]["episodes"],
         "agents": [] if entry.several is None else _agents(env_id),
         "common": sections(env_id),

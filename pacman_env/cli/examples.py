@@ -109,7 +109,7 @@ def first_steps(version: str) -> str:
     """Return the text of ``pacman-env`` without a command."""
     shown = [(words, f"{purpose} [{extra}]" if extra else purpose) for words, purpose, extra in FIRST]
     return textwrap.dedent("""\
-        pacman_env {version}: a robot plays Pac-Man on real SLAM maps. For example:
+        pacman_env {version}: a robot plays Pac-Man on drawn, generated or your own maps. For example:
 
         {examples}
 

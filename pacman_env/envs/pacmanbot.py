@@ -20,7 +20,7 @@ _ONE = np.zeros(1, dtype=np.int64)
 class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     """
     ## Description
-    A TurtleBot 4 plays one round of Pac-Man on its SLAM map. Virtual pellets lie on the map, and a virtual ghost,
+    A TurtleBot 4 plays one round of Pac-Man on its map. Virtual pellets lie on the map, and a virtual ghost,
     Clyde, wanders there. At every decision the agent chooses the goal that the robot's navigator drives to. The
     simulator covers physics (pymunk, 20 Hz), navigation (a model of Nav2) and localization (AMCL's pose estimate).
     Choosing the current goal again continues it. Options are up to four ghosts, other kinds of observation and action,

@@ -53,7 +53,7 @@ class LeaguePlan:
 
     suite: Suite
     preset: str
-    maps: dict[str, Scenario]  # the real maps by name
+    maps: dict[str, Scenario]  # the given maps by name
     policies: dict[str, str]  # names in results by spec
     hashes: dict[str, str | None]  # hashes of planner files by spec
     planner: str  # name of the planner
@@ -100,7 +100,7 @@ def make_parser() -> Parser:
     add("--planner", default=_PLANNER, metavar="POLICY", help="policy compared with the best other (%(default)s)")
     apart = f"policies that do not count as best other policy ({' '.join(_APART)})"
     add("--apart", nargs="*", default=list(_APART), metavar="POLICY", help=apart)
-    add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="real maps: names, YAML files or folders (none)")
+    add("--maps", nargs="+", default=[], metavar="FILE_OR_NAME", help="maps: names, YAML files or folders (none)")
     add("--suite", default=_SUITE, metavar="NAME", help="suite: full, or quick, which takes a minute (%(default)s)")
     add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
     presets = ", ".join(preset_names())

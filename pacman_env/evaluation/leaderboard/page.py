@@ -15,7 +15,7 @@ brackets are 95 % intervals.
   Newcombe's interval for pairs. The verdict is *better* or *WORSE* if the interval excludes 0. The best other policy is
   chosen in each cell by these rounds, which favours it. Against one equal policy, one cell in 40 would be called WORSE
   by chance alone, and more against several.
-- **worst tenth** of the levels (of real maps: of the maps, at least one): mean completion of the planner there, over
+- **worst tenth** of the levels (of given maps: of the maps, at least one): mean completion of the planner there, over
   levels with at least {LEAST_ROUNDS} rounds. There are two estimates. The lower one chooses the levels by the rounds
   that also measure them and is too low on average. The higher one chooses them by every second round, measures them by
   the others, and is too high on average. One number is shown if both agree.

@@ -1,6 +1,6 @@
 """Suites of cells, read strictly from a YAML file that people edit: ``eval/suites/leaderboard.yaml``.
 
-A cell is one list of ghosts at one speed in one group of maps, which are generated test levels or given real maps.
+A cell is one list of ghosts at one speed in one group of maps, which are generated test levels or given maps.
 """
 
 import itertools
@@ -20,7 +20,7 @@ from pacman_env.plugins import offer
 
 SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
 PRESET, EXECUTION = "robot", "robust"
-TEST_LEVELS, REAL_MAPS = "test levels", "real maps"  # the groups of maps
+TEST_LEVELS, GIVEN_MAPS = "test levels", "given maps"  # the groups of maps
 _GHOSTS, _SPEED = "clyde.ghosts", "clyde.speed_mps"
 #: Fields that a suite sets by other names or cannot set.
 _OWN = (_GHOSTS, _SPEED, "randomize.clyde_speed_mps", "endless")
@@ -43,7 +43,7 @@ Ghosts = Annotated[tuple[str, ...], Meta(min_length=1, max_length=4)]
 
 
 class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Suite of all lists of ghosts at all speeds (m/s), on test levels and on real maps."""
+    """Suite of all lists of ghosts at all speeds (m/s), on test levels and on given maps."""
 
     test_levels: LevelRounds
     real_maps: MapRounds
@@ -56,7 +56,7 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Cell:
     """Rounds of all policies under one configuration: ``rounds`` on each of the scenarios."""
 
-    group: str  # TEST_LEVELS or REAL_MAPS
+    group: str  # TEST_LEVELS or GIVEN_MAPS
     config: Config
     scenarios: dict[str, Scenario]  # by name
     rounds: int
@@ -87,13 +87,13 @@ def configs(suite: Suite, preset: str = PRESET) -> list[Config]:
 
 
 def cells(suite: Suite, maps: dict[str, Scenario], preset: str = PRESET) -> list[Cell]:
-    """Return the cells of a suite; ``maps`` are the real maps by name (without any, this group is missing)."""
+    """Return the cells of a suite; ``maps`` are the given maps by name (without any, this group is missing)."""
     levels = Levels("test", count=suite.test_levels.levels)
     groups: list[tuple[str, dict[str, Scenario], int]] = [
         (TEST_LEVELS, {"generated:test": levels}, suite.test_levels.rounds)
     ]
     if maps:
-        groups.append((REAL_MAPS, maps, suite.real_maps.rounds))
+        groups.append((GIVEN_MAPS, maps, suite.real_maps.rounds))
     return [
         Cell(group, config, places, rounds) for group, places, rounds in groups for config in configs(suite, preset)
     ]

@@ -80,8 +80,8 @@ def test_table_contains_every_policy_in_every_cell(tiny: Path) -> None:
     assert [(cell["group"], cell["ghosts"], cell["rounds"]) for cell in found["cells"]] == [
         ("test levels", ["wander"], 12),
         ("test levels", ["arcade", "chase"], 12),
-        ("real maps", ["wander"], 6),
-        ("real maps", ["arcade", "chase"], 6),
+        ("given maps", ["wander"], 6),
+        ("given maps", ["arcade", "chase"], 6),
     ]
     for cell in found["cells"]:
         assert [row["policy"] for row in cell["policies"]] == ["nearest", "clyde_aware"]

@@ -100,9 +100,9 @@ def test_cell_means_have_equal_weights() -> None:
     cells = [
         cell("test levels", 0.1, "CC", "better"),
         cell("test levels", 0.2, "CDDD", "WORSE"),
-        cell("real maps", 0.1, "DC", "WORSE"),
+        cell("given maps", 0.1, "DC", "WORSE"),
     ]
     first, second = means(cells)
     assert (first.group, first.mean, first.least, first.least_cell) == ("test levels", 0.625, 0.25, 1)
-    assert (second.group, second.mean, second.least, second.least_cell) == ("real maps", 0.5, 0.5, 2)
+    assert (second.group, second.mean, second.least, second.least_cell) == ("given maps", 0.5, 0.5, 2)
     assert verdicts(cells) == {"better": 1, "not different": 0, "WORSE": 2}

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.evaluation.leaderboard.suites import REAL_MAPS, SUITES, TEST_LEVELS, cells, choose_suite, read_suites
+from pacman_env.evaluation.leaderboard.suites import GIVEN_MAPS, SUITES, TEST_LEVELS, cells, choose_suite, read_suites
 from pacman_env.evaluation.rounds.scenarios import Levels
 from pacman_env.game.ghosts import Behaviour, wander
 
@@ -29,7 +29,7 @@ def test_full_suite_has_documented_cells() -> None:
     assert suite.speeds_mps == (0.15, 0.25, 0.35, 0.45)
     assert (suite.test_levels.rounds, suite.real_maps.rounds) == (1000, 200)
     found = cells(suite, {"one": "house", "two": "maze"})
-    assert [cell.group for cell in found] == [TEST_LEVELS] * 56 + [REAL_MAPS] * 56
+    assert [cell.group for cell in found] == [TEST_LEVELS] * 56 + [GIVEN_MAPS] * 56
     assert found[0].scenarios == {"generated:test": Levels("test", None, 100)}
     assert found[-1].scenarios == {"one": "house", "two": "maze"}
     assert {(cell.config.clyde.ghosts, cell.config.clyde.speed_mps) for cell in found[:56]} == {
