@@ -51,6 +51,12 @@ def test_documentation_examples_run(example: str, tmp_path: Path, monkeypatch: p
     exec(compile(example, "example", "exec"), {})
 
 
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
+def test_first_example_prints_what_page_shows(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(compile(examples(ROOT / page)[0], "example", "exec"), {})
+    assert re.findall(r"It prints `(.*)`", (ROOT / page).read_text()) == capsys.readouterr().out.splitlines()
+
+
 def test_fault_table_lists_every_fault_test() -> None:
     section = (ROOT / "docs" / "dev" / "original_faults.md").read_text()
     tests = {str(file.relative_to(ROOT / "tests")): file.read_text() for file in (ROOT / "tests").rglob("test_*.py")}

@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -32,7 +33,9 @@ class Progress:
 def bar_of(executor: "Executor", total: int, unit: str) -> Iterator[Any]:
     """Yield a tqdm bar of ``total`` units, which also shows the executor's counts, at most once a second."""
     from tqdm import tqdm
-    from tqdm.contrib.logging import logging_redirect_tqdm
+
+    with warnings.catch_warnings(action="ignore"):  # asks notebooks for ipywidgets, which this bar does not use
+        from tqdm.contrib.logging import logging_redirect_tqdm
 
     class Bar(tqdm):
         def update(self, n: float | None = 1) -> bool | None:
