@@ -15,7 +15,7 @@ FOLDER = ROOT / "docs" / "notebooks"
 NOTEBOOKS = sorted(path.stem for path in FOLDER.glob("*.ipynb"))
 #: The rounds of `scripts/compare`, whose results are in docs/figures.json.
 MEASURED = "preset robot, execution robust, seed 0\n\nhouse: 13 pellets, Clyde at 0.25 m/s, 200 episodes\n"
-TIMES = re.compile(r" \d+\.\d{3}\b|.* times as fast as real time")
+TIMES = re.compile(r" +\d+\.\d{3}\b|.* times as fast as real time")
 #: Completed rounds of a rule, in tables of `compare` and `train`.
 RULE = re.compile(r"^(?:\| )?(clyde_aware|lookahead|nearest)[ |]+(\d+\.\d%? \[[^]]*\])", re.MULTILINE)
 MOST_BYTES = 100_000  # of a cell's outputs
@@ -100,6 +100,13 @@ def test_own_policies_of_notebook_are_short_and_better() -> None:
     lines = [len([line for line in source.split("\n\n\n")[0].splitlines() if line.strip()]) for source in policies]
     assert lines[0] <= 10
     assert lines[1] <= 20
+
+
+def test_trained_planner_of_notebook_improves_by_ppo() -> None:
+    notebook = read("train")
+    imitated, *_, improved = map(float, re.findall(r"([\d.]+)% of validation rounds", printed(notebook)))
+    assert improved > imitated
+    assert [lower_limits(table)["planner"] > 0 for table in tables(notebook)] == [True, True]
 
 
 @pytest.mark.daily
