@@ -60,6 +60,14 @@ class Registry(Generic[T]):
         """Return all names: the built-in names, then the names from installed packages."""
         return [*self._own, *sorted(_entry_points(self.group).keys() - self._own.keys())]
 
+    def module_of(self, name: str) -> str | None:
+        """Return the module that defines or loads the object with this name; None if it is unknown."""
+        own = self._own.get(name, name)
+        if not isinstance(own, str):
+            return getattr(own, "__module__", None)
+        point = _entry_points(self.group).get(own)
+        return (point.value if point else own).partition(":")[0]
+
     def find(self, name: str) -> T:
         """Return the object with this name; raises PluginError if the name is unknown or the import fails."""
         own = self._own.get(name, name)

@@ -144,6 +144,7 @@ BEHAVIOURS = {
 }
 _ALL_BEHAVIOURS = Registry("ghost behaviour", "pacman_env.ghosts", BEHAVIOURS)
 behaviour_names = _ALL_BEHAVIOURS.names
+behaviour_module = _ALL_BEHAVIOURS.module_of
 register_ghost = _ALL_BEHAVIOURS.register
 
 

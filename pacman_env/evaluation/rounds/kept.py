@@ -6,9 +6,7 @@ and rounds finds them. Files are written atomically; a damaged file is reported 
 """
 
 import argparse
-import contextlib
 import hashlib
-import inspect
 import json
 import sys
 from collections import defaultdict
@@ -29,12 +27,12 @@ from pacman_env.episodes.rollout import EPISODE
 from pacman_env.evaluation.rounds.play import Matchup, Played, play_all
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.shipping import hash_of_files
+from pacman_env.evaluation.rounds.user_code import hash_of_code
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare, replaced
-from pacman_env.game.ghosts import find_behaviour
-from pacman_env.plugins import PluginError
+from pacman_env.game.ghosts import behaviour_module, find_behaviour
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import parse
@@ -130,6 +128,10 @@ def play_left(
 ) -> list[Played]:
     """Return the rounds of every matchup; the command's executor plays those that ``folder`` lacks, with a bar."""
     store = KeptRounds(folder, matchups, arguments.resume)
+    if arguments.resume:
+        total = sum(len(one.seeds) for one in matchups)
+        taken = f"{total - store.left} of {total} {unit}s are taken over from {folder}"
+        print(f"--resume: {taken}, {store.left} are played", file=sys.stderr)
     with executor_of(arguments) as executor, bar_of(executor, store.left, unit) as bar:
         return store.play(executor, bar.update)
 
@@ -138,7 +140,7 @@ class _Descriptions:
     """Describes matchups; policies, ghosts and maps, which many matchups share, are read once."""
 
     def __init__(self) -> None:
-        self._policy, self._ghost = cache(_describe_spec), cache(_describe_ghost)
+        self._policy, self._ghost = cache(_describe_spec), cache(describe_ghost)
         self._maps: dict[Any, dict[str, Any]] = {}
 
     def matchup(self, one: Matchup) -> dict[str, Any]:
@@ -163,13 +165,15 @@ class _Descriptions:
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
     """Describe the choices of a policy with ``spec`` as plain data: a planner's file, or names, code and base."""
-    if isinstance(policy, LearnedPlanner):
-        return {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
-    base = getattr(policy, "base", None)
+    about: dict[str, Any] = {}
     kind = type(policy)
-    about: dict[str, Any] = {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": _code_of(kind)}
-    with contextlib.suppress(PluginError):  # a base may have a name that is not registered
-        about["made_by"] = _code_of(POLICIES.find(spec))  # the function's file contains the parameters
+    if isinstance(policy, LearnedPlanner):
+        about = {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
+        if kind is LearnedPlanner:
+            return about
+    base = getattr(policy, "base", None)
+    code = hash_of_code(kind.__module__, POLICIES.module_of(spec))  # the module of a factory contains the parameters
+    about |= {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": code}
     return about if base is None else about | {"base": describe_policy(base, base.name)}
 
 
@@ -182,22 +186,11 @@ def _describe_spec(spec: str) -> dict[str, Any]:
     return {"files": hash_of_files(Path(spec))} if is_checkpoint(spec) else describe_policy(load_policy(spec), spec)
 
 
-def _describe_ghost(name: str) -> dict[str, Any] | str | None:
+def describe_ghost(name: str) -> dict[str, Any] | str | None:
     """Describe a ghost's moves by the policy that moves it or the code of its behaviour; None: built-in code."""
     if moved_by_policy(name):
         return describe_policy(make_policy(name), name)
-    return _code_of(find_behaviour(name).target)
-
-
-def _code_of(thing: Any) -> str | None:
-    """Return the hash of the file that defines a class or function; None for this package, which has a version."""
-    module = getattr(thing, "__module__", None) or ""
-    if not module or module.partition(".")[0] == __package__.partition(".")[0]:
-        return None
-    try:
-        return hashlib.sha256(Path(inspect.getfile(thing)).read_bytes()).hexdigest()
-    except (TypeError, OSError):
-        return None
+    return hash_of_code(getattr(find_behaviour(name).target, "__module__", None), behaviour_module(name))
 
 
 def _rounds_hash(rounds: PlayedRounds) -> str:

@@ -90,12 +90,11 @@ def test_planner_key_depends_on_file_content_only() -> None:
 def test_foreign_policy_is_described_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     text = "from pacman_env.heuristics.simple import Nearest\n\n\nclass Mine(Nearest):\n    pass\n"
-    for name, more in (("one_policy", ""), ("same_policy", ""), ("other_policy", "\n")):
-        (tmp_path / f"{name}.py").write_text(text + more)
-    one, same, other = (
-        kept.describe_policy(make_policy(f"{name}_policy:Mine"), "mine")["code"] for name in ("one", "same", "other")
-    )
-    assert one == same != other
+    described = []
+    for more in ("", "", "\n"):
+        (tmp_path / "foreign_policy.py").write_text(text + more)
+        described.append(kept.describe_policy(make_policy("foreign_policy:Mine"), "mine"))
+    assert described[0] == described[1] != described[2]
     assert kept.describe_policy(make_policy("nearest"), "nearest")["code"] is None
 
 
@@ -109,6 +108,41 @@ def test_factory_is_described_by_its_source_and_policy(tmp_path: Path, monkeypat
         described.append({**kept.describe_policy(make_policy(spec), spec), "name": "mine"})
     assert len({str(about) for about in described}) == 3
     assert [about["class"].rpartition(":")[2] for about in described] == ["Lookahead", "Lookahead", "Nearest"]
+
+
+@pytest.mark.parametrize(
+    ("name", "made"), [("of_partial", "functools.partial(Nearest)"), ("of_child", "type('Own', (Child,), {})")]
+)
+def test_helper_of_any_policy_is_described(
+    name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    helper = tmp_path / f"helper_{name}.py"
+    classes = (
+        "from pacman_env.heuristics.simple import Nearest\nfrom pacman_env.policies.learned import LearnedPlanner\n"
+    )
+    helper.write_text(f"{classes}class Child(LearnedPlanner): pass\n")
+    (tmp_path / f"{name}.py").write_text(f"import functools\nfrom helper_{name} import *\nMINE = {made}\n")
+    policy = make_policy(f"{name}:MINE")
+    before = kept.describe_policy(policy, f"{name}:MINE")
+    helper.write_text(helper.read_text() + "CHANGED = True\n")
+    assert kept.describe_policy(policy, f"{name}:MINE") != before
+
+
+def test_ghost_is_described_by_all_its_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    helper, ghost = tmp_path / "ghost_target.py", tmp_path / "ghost_of_mine.py"
+    helper.write_text("def target(view, parameters):\n    return view.robot_x, view.robot_y\n")
+    ghost.write_text(
+        "from ghost_target import target\nfrom pacman_env.game.ghosts import Behaviour\n"
+        'GHOST = Behaviour("mine", target, (1.0,))\n'
+    )
+    described = [kept.describe_ghost("ghost_of_mine:GHOST")]
+    for path in (helper, ghost):
+        path.write_text(path.read_text() + "# changed\n")
+        described.append(kept.describe_ghost("ghost_of_mine:GHOST"))
+    assert len(set(map(str, described))) == 3
+    assert kept.describe_ghost("chase") is None
 
 
 @pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short"])
@@ -144,5 +178,6 @@ def test_kept_rounds_are_ignored_without_resume(
     assert told.startswith("1 parts in results/compare.parts are played again: without --resume\n")
     assert "6/6" in told
     assert main([*words, "--parts", "results/compare.parts", "--json", "resumed.json", "--resume"]) == 0
+    assert "6 of 6 episodes are taken over from results/compare.parts, 0 are played" in capsys.readouterr().err
     assert without_times(tmp_path / "other.json") == without_times(tmp_path / "resumed.json")
     assert not (tmp_path / "other.parts").exists()
