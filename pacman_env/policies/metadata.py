@@ -11,8 +11,6 @@ from pacman_env.config.validation import Number, Positive, convert, located, req
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
-#: Name of the scaling in ``planner_features``, as in the files of the first planners.
-NORMALISATION = "pacman_env.sim.features.planner_features"
 MAX_BYTES = 16 << 20  # limit of a file; a planner of width 64 has 0.1 MB
 _MAX_METADATA_BYTES = 1 << 20
 
@@ -32,7 +30,7 @@ class Training(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ghosts: tuple[str, ...] = ("wander",)  # line-ups with their shares; missing in older files
 
 
-class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Metadata of a planner's ONNX file."""
 
     format: Literal[1]  # first, because other formats have other fields
@@ -42,13 +40,13 @@ class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     width: int  # width of the hidden layers
     dropped_features: tuple[str, ...]  # candidate features that the network does not get
     dropped_kinds: tuple[str, ...]  # candidate features of kinds that it may not choose
-    normalisation: str  # scaling of the features
     robot_speed_mps: Positive  # used for computing the features
     training: Training
     package_version: str
     commit: str  # commit of the exporting sources, "unknown" outside a repository
     metrics: dict[str, Number]
     sha256: str  # hash of the ONNX file, hexadecimal
+    normalisation: str = ""  # ignored; written before 0.22
 
 
 def metadata_path(path: Path) -> Path:
@@ -87,7 +85,6 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     if not beside.exists():
         raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
     metadata = read(PlannerMetadata, beside, _MAX_METADATA_BYTES)
-    expected = {"feature_version": VERSION, "normalisation": NORMALISATION}
     known = {
         "candidate_features": CANDIDATE_FEATURES,
         "global_features": GLOBAL_FEATURES,
@@ -95,8 +92,8 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
         "dropped_kinds": CANDIDATE_FEATURES,
     }
     with located(beside, ValueError):
-        for field, value in expected.items():
-            require(getattr(metadata, field) == value, field, getattr(metadata, field), f"must be {value!r}")
+        version = metadata.feature_version
+        require(version == VERSION, "feature_version", version, f"must be {VERSION!r}")
         for field, names in known.items():
             for name in getattr(metadata, field):
                 require(name in names, field, name, f"must be names of these features: {', '.join(names)}")

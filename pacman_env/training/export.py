@@ -24,7 +24,7 @@ from pacman_env.cli.command import Parser, run_command
 from pacman_env.config.validation import located
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import FORMAT, NORMALISATION, PlannerMetadata, dump, metadata_path, read_planner
+from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path, read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
@@ -126,7 +126,6 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         width=network.width,
         dropped_features=tuple(np.array(CANDIDATE_FEATURES)[_array(network.shown) == 0].tolist()),
         dropped_kinds=tuple(CANDIDATE_FEATURES[kind] for kind in network.dropped_kinds),
-        normalisation=NORMALISATION,
         robot_speed_mps=facts.robot_speed_mps,
         training=facts.training,
         package_version=__version__,

@@ -15,7 +15,6 @@ from msgspec import structs
 from pacman_env.policies.metadata import (
     FORMAT,
     MAX_BYTES,
-    NORMALISATION,
     PlannerMetadata,
     Training,
     dump,
@@ -35,7 +34,6 @@ METADATA = PlannerMetadata(
     width=64,
     dropped_features=CANDIDATE_FEATURES[4:6],
     dropped_kinds=(),
-    normalisation=NORMALISATION,
     robot_speed_mps=0.256,
     training=TRAINING,
     package_version="1.0",
@@ -90,6 +88,12 @@ def test_metrics_and_line_ups_are_read_again(metrics: dict[str, float]) -> None:
 def test_file_without_line_ups_means_one_wanderer(tmp_path: Path) -> None:
     metadata, _ = read_planner(written(tmp_path, lambda content: content["training"].pop("ghosts")))
     assert metadata.training.ghosts == ("wander",)
+
+
+def test_normalisation_of_older_file_is_ignored(tmp_path: Path) -> None:
+    read, _ = read_planner(written(tmp_path, lambda content: content.update(normalisation="of 0.21")))
+    assert structs.replace(read, normalisation="") == METADATA
+    assert "normalisation" not in dump(METADATA, HERE)
 
 
 @pytest.mark.parametrize("field", FIELDS)
