@@ -13,8 +13,10 @@ from gymnasium.utils.env_checker import check_env
 
 import pacman_env
 from pacman_env.config import make_config, preset_names
+from pacman_env.game.ghosts import find_behaviour
 from pacman_env.plugins import PluginError, Registry
 from pacman_env.policies.registry import make_policy, policy_names
+from pacman_env.sim.observation.kinds import KINDS
 from tests.envs.helpers import QUICK, make, make_vector
 from tests.plugin_example import install
 
@@ -28,7 +30,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     facts = tmp_path / "added-1.0.dist-info"
     facts.mkdir()
     (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: added\nVersion: 1.0\n")
-    points = {"three": "added_things:THREE", "two": "added_things:THREE", "gone": "added_things:FOUR", "bad": "torn:X"}
+    points = {"three": "added_things:THREE", "gone": "added_things:FOUR", "bad": "torn:X"}
     (facts / "entry_points.txt").write_text(
         f"[{GROUP}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
     )
@@ -44,6 +46,26 @@ def test_registry_finds_own_names_entry_points_and_attributes(package: Path) -> 
     assert registry.names() == ["one", "two", "bad", "gone", "three"]
     found = [registry.find(name) for name in ("one", "two", "three", "added_things:THREE", "added_things:Box.FIVE")]
     assert found == [1, 2, 3, 3, 5]
+
+
+@pytest.mark.parametrize(
+    ("group", "name", "find"),
+    [
+        ("pacman_env.ghosts", "chase", find_behaviour),
+        ("pacman_env.policies", "nearest", make_policy),
+        ("pacman_env.observations", "features", KINDS.find),
+        ("pacman_env.presets", "ideal", make_config),
+        (GROUP, "two", Registry("thing", GROUP, OWN).find),
+    ],
+)
+def test_entry_point_with_used_name_is_reported_once(
+    package: Path, group: str, name: str, find: Callable[[str], object]
+) -> None:
+    (package / "added-1.0.dist-info" / "entry_points.txt").write_text(f"[{group}]\n{name} = added_things:THREE\n")
+    with pytest.warns(RuntimeWarning, match=f"'{name}': added_things:THREE of added is not used") as told:
+        assert find(name) != 3
+    assert len(told) == 1
+    find(name)  # does not warn again
 
 
 def test_registered_name_belongs_to_one_registry_only() -> None:
