@@ -117,10 +117,11 @@ def _entry_points(group: str) -> Mapping[str, EntryPoint]:
 
 @functools.cache  # reading the metadata of all installed packages takes 20 to 40 ms
 def _entry_points_on(path: tuple[str, ...]) -> Mapping[str, Mapping[str, EntryPoint]]:
-    """Return all entry points by group and name."""
+    """Return all entry points by group and name; the first on the path if several have one name."""
     from importlib import metadata  # imported here because importing the package does not need it
 
     groups: dict[str, dict[str, EntryPoint]] = {}
-    for point in metadata.entry_points():
-        groups.setdefault(point.group, {})[point.name] = point
+    for distribution in metadata.distributions():
+        for point in distribution.entry_points:
+            groups.setdefault(point.group, {}).setdefault(point.name, point)
     return groups
