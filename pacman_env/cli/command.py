@@ -28,7 +28,6 @@ EXTRA_OF = {
     **dict.fromkeys(("starlette", "uvicorn", "websockets", "segno"), "web"),
     "ray": "ray",
     "pygame": "render",
-    "shtab": "completion",
 }
 _MARKS = re.compile(r":\w+:`([^`]+)`")  # Sphinx roles
 _INTERFACES = ("_msgs", "_srvs", "_interfaces")  # suffixes of ROS packages

@@ -35,7 +35,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("web --ros --host 0.0.0.0", "show the game on a robot, also to phones"),
     ),
     "warm-up": (("warm-up", "compile before the first use, about half a minute"),),
-    "completion": (("completion bash", "print the script for bash; save it to the completion folder of bash"),),
     "compare": (
         ("compare --episodes 20", "compare the default policies on the map house"),
         ("compare --policies ppo lookahead --levels test --set clyde.ghosts=arcade,chase", "use generated houses"),
@@ -65,7 +64,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("train --quick", "check in one to two minutes that training works"),
         ("train --seed 0 --out results/ppo", "run the whole training; add --resume to continue it"),
     ),
-    "seeds": (("seeds --quick --seeds 0 1 2 --workers 2", "run three short trainings, two at a time; print a table"),),
     "tune": (("tune --trials 30 --out results/tune", "run 30 short trainings; print the best file at the end"),),
     "adversary": (("adversary --quick", "check in about two minutes that it works"),),
     "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "train with three seeds"),),

@@ -3,7 +3,6 @@
 To add a command, add a function to :data:`GROUPS`, or an entry to :data:`MODULES` if the command has its own module."""
 
 import argparse
-import contextlib
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -11,7 +10,6 @@ from typing import Any
 
 from pacman_env import __version__
 from pacman_env.cli.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
-from pacman_env.cli.completion import SHELLS, completion
 from pacman_env.cli.examples import first_steps
 from pacman_env.cli.map_group import add_map_group
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
@@ -29,11 +27,15 @@ MODULES = {
     "validation": ("evaluation.checks.validation", "compare the simulator with the ten real trials"),
     "houses": ("evaluation.checks.generated_levels", "check independently that generated houses can be played"),
     "train": ("training.train", "train a planner"),
-    "seeds": ("training.seeds", "train from several seeds in parallel"),
     "tune": ("training.tune", "search for hyperparameters"),
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
     "learning-curves": ("training.learning_curves", "measure how fast standard learners learn"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
+}
+#: What replaces a removed command; the entries stay until 1.0.
+REMOVED = {
+    "completion": "pacman-env COMMAND --help lists the options of a command",
+    "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
 }
 
 
@@ -49,6 +51,8 @@ def _main(argv: Sequence[str]) -> int:
     if not argv:
         print(first_steps(__version__))
         return 0
+    if argv[0] in REMOVED:
+        raise ValueError(f"the command {argv[0]} was removed: {REMOVED[argv[0]]}")
     parser = make_parser()
     arguments, unknown = parser.parse_known_args(argv)
     prog = " ".join([parser.prog, *argv[: 2 if argv[0] in ("map", "ros") else 1]])  # groups with subcommands
@@ -57,19 +61,15 @@ def _main(argv: Sequence[str]) -> int:
     return guarded(prog, lambda: arguments.run(arguments))
 
 
-def make_parser(whole: bool = False) -> Parser:
-    """Return the parser; with ``whole``, commands of :data:`MODULES` have arguments if their extra is installed."""
+def make_parser() -> Parser:
+    """Return the parser; commands of :data:`MODULES` have no arguments, because their modules parse them."""
     parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
     parser.add_argument("--version", action="version", version=__version__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for add_group in GROUPS:
         add_group(commands)
-    for name, (module, purpose) in MODULES.items():
-        parents = []
-        if whole:
-            with contextlib.suppress(ModuleNotFoundError):  # its extra is not installed
-                parents = [import_module(f"pacman_env.{module}").make_parser()]
-        commands.add_parser(name, help=purpose, parents=parents, add_help=not parents)
+    for name, (_, purpose) in MODULES.items():
+        commands.add_parser(name, help=purpose)
     return parser
 
 
@@ -194,15 +194,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
     return SimulatedGame(rules, maps=maps, policies=files, seed=seed, speed=speed, start_s=start_s)
 
 
-def _add_completion(commands: Any) -> None:
-    parser = commands.add_parser("completion", help="print a script for tab completion of commands and options")
-    parser.add_argument("shell", choices=SHELLS, metavar=f"{{{','.join(SHELLS)}}}")  # named if absent
-    parser.set_defaults(run=lambda arguments: print(completion(make_parser(whole=True), arguments.shell)))
-
-
-GROUPS: tuple[Callable[[Any], None], ...] = (
-    *(add_map_group, _add_play, _add_web, add_warm_up, _add_completion, add_ros_group),
-)
+GROUPS: tuple[Callable[[Any], None], ...] = (add_map_group, _add_play, _add_web, add_warm_up, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,12 +2,13 @@
 
 import argparse
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from importlib import import_module
 
 import pytest
 
 from pacman_env.cli.examples import EXAMPLES, FIRST, PROG
-from pacman_env.cli.main import MODULES, main, make_parser
+from pacman_env.cli.main import MODULES, REMOVED, main, make_parser
 
 
 def commands(parser: argparse.ArgumentParser) -> Iterator[str]:
@@ -43,6 +44,12 @@ def test_every_command_has_examples() -> None:
     assert set(commands(make_parser())) == set(EXAMPLES)
 
 
+@pytest.mark.parametrize("command", REMOVED)
+def test_removed_command_names_its_replacement(command: str, refused: Callable[..., None]) -> None:
+    assert command not in {name.split()[0] for name in commands(make_parser())}
+    refused(main, [command, "--out", "there"], REMOVED[command])
+
+
 @pytest.mark.parametrize("command", EXAMPLES)
 def test_help_ends_with_examples_of_command(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     need_extra(command)
@@ -71,4 +78,8 @@ def test_group_help_has_example_of_each_subcommand(group: str, last: str, capsys
 )
 def test_example_is_accepted_by_parser(words: str) -> None:
     need_extra(words.split()[0])
-    make_parser(whole=True).parse_args(shlex.split(words))
+    command, *arguments = shlex.split(words)
+    if command in MODULES:
+        import_module(f"pacman_env.{MODULES[command][0]}").make_parser().parse_args(arguments)
+    else:
+        make_parser().parse_args([command, *arguments])

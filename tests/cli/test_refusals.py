@@ -13,7 +13,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 MAPS = Path(__file__).resolve().parents[2] / "maps"
 #: A library that a command needs and the base install does not have.
-NEEDED = {"play": "pygame", "web": "starlette", "dataset": "minari", "seeds": "torch", "export": "torch"}
+NEEDED = {"play": "pygame", "web": "starlette", "dataset": "minari", "export": "torch"}
 #: What ``rounds.scenarios`` reads is refused alike in all commands; one of them is tried.
 COMMANDS = [
     ("fly", "invalid choice: 'fly'"),
@@ -34,7 +34,6 @@ COMMANDS = [
         (f"map generate houses {levels}", "0 to 999999 (training) or 1000000 to 1000999 (test)")
         for levels in ("--count 0", "--level 1000999 --count 2", "--level 999999 --count 2")
     ),
-    ("completion", "pacman-env completion: the following arguments are required: {bash,zsh,fish}"),
     ("warm-up foo", "pacman-env warm-up: unrecognized arguments: foo"),
     ("ros doctr", "did you mean doctor"),
     ("ros up --seed 2147483648", "must be at most"),  # a parameter of the ghosts' node
@@ -149,7 +148,6 @@ COMMANDS = [
     ("dataset xx/a-v0 --id PacManBotVelocity-v1", "action = 'velocity': must be goal"),
     ("dataset xx/a-v0 --set colour=red", "unknown configuration field 'colour'"),
     ("dataset xx/a-v0 --ghosts nobody", "unknown ghost behaviour 'nobody'"),
-    ("seeds --seeds -1", "must be at least 0"),
     ("export absent.zip --out mine.onnx", "absent.zip: no such file"),
     ("benchmark --rounds 0", "0: must be at least 1"),
     ("benchmark --seconds -1", "-1: must be at least 0"),
