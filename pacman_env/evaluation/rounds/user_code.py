@@ -114,10 +114,12 @@ def _strings(tree: ast.AST) -> Iterator[str]:
 
 def _named_files(strings: Iterable[str], roots: Iterable[Path]) -> set[Path]:
     """Return the files with one of these names in the folders ``roots``, or in a folder with such a name there."""
-    files = set()
+    files: set[str] = set()
     folders = list(dict.fromkeys(map(str, roots)))  # grows
     for folder in folders:
-        listed = set(os.listdir(folder)) if os.access(folder, os.R_OK) else set()
+        listed: set[str] = set()
+        with contextlib.suppress(OSError):
+            listed.update(os.listdir(folder))
         for text in strings:
             if text[0] not in "./" and "*" not in text and not {text.partition("/")[0], f"{text}.zip"} & listed:
                 continue  # saves most calls of the file system

@@ -87,5 +87,15 @@ def test_large_file_counts_by_time_of_change(project: Path) -> None:
     assert hash_of_code("box.policy") != before
 
 
+def test_limit_of_modules_is_reported(project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for number in range(201):
+        (project / f"chain_{number}.py").write_text(f"import chain_{number + 1}")
+    before = hash_of_code("chain_0")
+    assert "chain_0: " in (told := capsys.readouterr().err)
+    assert "200" in told
+    (project / "chain_199.py").write_text("#")
+    assert hash_of_code("chain_0") != before
+
+
 def test_own_modules_of_package_have_no_hash() -> None:
     assert hash_of_code("pacman_env.heuristics.simple", "json", None) is None
