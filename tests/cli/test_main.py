@@ -43,8 +43,7 @@ def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.mark.parametrize(
-    ("library", "command", "extra"),
-    [("pygame", "play", "render"), ("torch", "train --quick", "train")],
+    ("library", "command", "extra"), [("pygame", "play", "render"), ("torch", "train --quick", "train")]
 )
 def test_missing_library_of_command_is_named_with_extra(
     library: str, command: str, extra: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]

@@ -13,7 +13,7 @@ import importlib.util
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import metadata
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -28,20 +28,19 @@ _PATTERN = re.compile(r".*\*.*\.\w+")  # names such as model_*.pt
 
 def hash_of_code(*modules: str | None) -> str | None:
     """Return the hash of all files that these modules reach; None if all of them belong to this package."""
-    starts = [name for name in modules if name]
-    sources, packages, strings = _reach(starts)
+    sources, packages, strings = _reach([name for name in modules if name])
     if not sources and not packages:
         return None
     folders = [folder for name, path in sources.items() for folder in path.parents[: name.count(".") + 2]]
     start = folders[0] if folders else Path()
     with contextlib.suppress(FileNotFoundError):  # a deleted folder
         folders.append(Path.cwd())
-    endings = [text for text in strings if re.fullmatch(r"\.\w+", text)]
     files = _named_files(sorted(strings), folders)
+    endings = [text for text in strings if re.fullmatch(r"\.\w+", text)]
     files |= {path.with_suffix(ending) for path in sources.values() for ending in endings}
     lines = [f"{name} {_hash_of_file(path)}" for name, path in sources.items()]
     lines += [f"{os.path.relpath(path, start)} {_hash_of_file(path)}" for path in files if path.is_file()]
-    lines += [f"{name} {_installed_version(name)}" for name in packages]
+    lines += [f"{name} {_installed_files(name)}" for name in packages]
     return hashlib.sha256("\n".join(sorted(lines)).encode(errors="surrogateescape")).hexdigest()
 
 
@@ -52,28 +51,24 @@ def _reach(starts: Sequence[str]) -> tuple[dict[str, Path], set[str], set[str]]:
     strings: set[str] = set()
     names = list(starts)  # grows
     for name in names:
-        top = name.partition(".")[0]
+        top, parent = name.partition(".")[0], name.rpartition(".")[0]
         if top in _SKIPPED or (top in packages and name not in starts):
             continue
         file, folders = _locate(name)
-        if (place := file or next(iter(folders), None)) is None:
-            continue
-        if {"site-packages", "dist-packages"} & set(Path(place).parts):
+        if {"site-packages", "dist-packages"} & set(Path(file or "".join(folders[:1])).parts):
             packages.add(top)
             if name not in starts:
                 continue
-        if len(sources) == _MOST_MODULES:
+        new = {parent} if file or folders else set()
+        if file and len(sources) == _MOST_MODULES:
             print(f"{starts[0]}: --resume notices changes in only {_MOST_MODULES} of its modules", file=sys.stderr)
             break
-        new: set[str] = {name.rpartition(".")[0]}
         if file:
             sources[name] = Path(file).absolute()
             with contextlib.suppress(OSError, SyntaxError, ValueError):  # an extension module, or one in an archive
-                tree = ast.parse(sources[name].read_bytes())
-                texts = set(_strings(tree))
+                imported, texts = _read(ast.parse(sources[name].read_bytes()), name if folders else parent)
+                new |= imported
                 strings |= texts
-                new |= set(_imports(tree, name if folders else name.rpartition(".")[0]))
-                new |= {match[1] for text in texts if (match := _REFERENCE.fullmatch(text))}
         names += sorted(new - {"", *names})
     return sources, packages, strings
 
@@ -89,71 +84,54 @@ def _locate(name: str) -> tuple[str | None, list[str]]:
     return spec.origin if spec.has_location else None, list(spec.submodule_search_locations or [])
 
 
-def _imports(tree: ast.AST, package: str) -> Iterator[str]:
-    """Yield the names in all import statements, which may be modules or their attributes."""
+def _read(tree: ast.AST, package: str) -> tuple[set[str], set[str]]:
+    """Return imported names, which may be modules or their attributes, and all strings; ``*`` stands for values."""
+    names, strings = set(), set()
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            with contextlib.suppress(ImportError):  # relative to a folder above the package
-                module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-                yield from (module, *(f"{module}.{alias.name}" for alias in node.names))
-
-
-def _strings(tree: ast.AST) -> Iterator[str]:
-    """Yield all strings that may be names of files; ``*`` stands for values in f-strings."""
-    for node in ast.walk(tree):
-        text = ""
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            text = node.value
-        elif isinstance(node, ast.JoinedStr):
-            text = "".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in node.values)
-        if text.strip("./") and len(text) < 300 and not {"\n", "\0"} & set(text):
-            yield os.path.expanduser(text)
+        match node:
+            case ast.Import():
+                names |= {alias.name for alias in node.names}
+            case ast.ImportFrom():
+                with contextlib.suppress(ImportError):  # relative to a folder above the package
+                    module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+                    names |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
+            case ast.Constant(value=str(text)):
+                strings.add(os.path.expanduser(text))
+            case ast.JoinedStr():
+                strings.add("".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in node.values))
+    return names | {match[1] for text in strings if (match := _REFERENCE.fullmatch(text))}, strings
 
 
 def _named_files(strings: Iterable[str], roots: Iterable[Path]) -> set[Path]:
     """Return the files with one of these names in the folders ``roots``, or in a folder with such a name there."""
-    files: set[str] = set()
+    files = set()
     folders = list(dict.fromkeys(map(str, roots)))  # grows
     for folder in folders:
-        listed: set[str] = set()
-        with contextlib.suppress(OSError):
-            listed.update(os.listdir(folder))
-        for text in strings:
-            if text[0] not in "./" and "*" not in text and not {text.partition("/")[0], f"{text}.zip"} & listed:
-                continue  # saves most calls of the file system
-            path = os.path.normpath(os.path.join(folder, text))
-            place, name = os.path.split(path)
-            if os.path.isdir(path):
-                if path not in folders and len(folders) < _MOST_FOLDERS:
+        for text in filter(lambda text: text.strip("./"), strings):
+            # Stable-Baselines3 adds .zip to names.
+            names = glob.glob(text, root_dir=folder) if _PATTERN.fullmatch(text) else (text, f"{text}.zip")
+            for path in (os.path.normpath(os.path.join(folder, name)) for name in names):
+                if os.path.isfile(path):
+                    files.add(Path(path))
+                elif os.path.isdir(path) and path not in folders and len(folders) < _MOST_FOLDERS:
                     folders.append(path)
-            elif _PATTERN.fullmatch(name) and os.path.isdir(place):
-                files.update(os.path.join(place, one) for one in glob.glob(name, root_dir=place))
-            else:
-                files.update((path, f"{path}.zip"))  # Stable-Baselines3 adds the ending
-    return {Path(path) for path in files if os.path.isfile(path)}
+    return files
 
 
 def _hash_of_file(path: Path) -> str:
     with contextlib.suppress(OSError), path.open("rb") as file:
         facts = path.stat()
-        if facts.st_size > _LARGE:
-            return f"{facts.st_size} {facts.st_mtime_ns}"
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        large = facts.st_size > _LARGE
+        return f"{facts.st_size} {facts.st_mtime_ns}" if large else hashlib.file_digest(file, "sha256").hexdigest()
     return "unreadable"
 
 
-_distributions = functools.cache(metadata.packages_distributions)  # takes 0.1 to 0.3 s
+def _installed_files(package: str) -> str:
+    """Return the list of files of an installed package with their hashes, or its version if there is no list."""
+    found = map(metadata.distribution, sorted(set(_distributions(tuple(sys.path)).get(package, ()))))
+    return " ".join(one.read_text("RECORD") or one.version for one in found)
 
 
-def _installed_version(package: str) -> str:
-    """Return the hash of the list of files of an installed package, or its version if it has no such list."""
-    with contextlib.suppress(metadata.PackageNotFoundError, KeyError, IndexError):
-        try:
-            found = metadata.distribution(package)
-        except metadata.PackageNotFoundError:  # the name to install it differs from the name to import it
-            found = metadata.distribution(_distributions()[package][0])
-        files = found.read_text("RECORD")
-        return hashlib.sha256(files.encode()).hexdigest() if files else found.version
-    return "unknown"
+@functools.cache
+def _distributions(path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    return metadata.packages_distributions()  # takes 0.1 to 0.3 s

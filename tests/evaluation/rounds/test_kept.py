@@ -87,17 +87,6 @@ def test_planner_key_depends_on_file_content_only() -> None:
     assert of_ppo == of_file != of_nearest
 
 
-def test_foreign_policy_is_described_by_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    text = "from pacman_env.heuristics.simple import Nearest\n\n\nclass Mine(Nearest):\n    pass\n"
-    described = []
-    for more in ("", "", "\n"):
-        (tmp_path / "foreign_policy.py").write_text(text + more)
-        described.append(kept.describe_policy(make_policy("foreign_policy:Mine"), "mine"))
-    assert described[0] == described[1] != described[2]
-    assert kept.describe_policy(make_policy("nearest"), "nearest")["code"] is None
-
-
 def test_factory_is_described_by_its_source_and_policy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     described = []
@@ -111,17 +100,15 @@ def test_factory_is_described_by_its_source_and_policy(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("name", "made"), [("of_partial", "functools.partial(Nearest)"), ("of_child", "type('Own', (Child,), {})")]
+    ("name", "made"),
+    [("of_partial", "functools.partial(POLICIES.find('nearest'))"), ("of_child", "type('Own', (Child,), {})")],
 )
 def test_helper_of_any_policy_is_described(
     name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(tmp_path)
     helper = tmp_path / f"helper_{name}.py"
-    classes = (
-        "from pacman_env.heuristics.simple import Nearest\nfrom pacman_env.policies.learned import LearnedPlanner\n"
-    )
-    helper.write_text(f"{classes}class Child(LearnedPlanner): pass\n")
+    helper.write_text("from pacman_env.policies.registry import *\nclass Child(LearnedPlanner): pass\n")
     (tmp_path / f"{name}.py").write_text(f"import functools\nfrom helper_{name} import *\nMINE = {made}\n")
     policy = make_policy(f"{name}:MINE")
     before = kept.describe_policy(policy, f"{name}:MINE")
@@ -133,10 +120,7 @@ def test_ghost_is_described_by_all_its_code(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.syspath_prepend(tmp_path)
     helper, ghost = tmp_path / "ghost_target.py", tmp_path / "ghost_of_mine.py"
     helper.write_text("def target(view, parameters):\n    return view.robot_x, view.robot_y\n")
-    ghost.write_text(
-        "from ghost_target import target\nfrom pacman_env.game.ghosts import Behaviour\n"
-        'GHOST = Behaviour("mine", target, (1.0,))\n'
-    )
+    ghost.write_text("import ghost_target as t, pacman_env.game.ghosts as g\nGHOST = g.Behaviour('mine', t.target)\n")
     described = [kept.describe_ghost("ghost_of_mine:GHOST")]
     for path in (helper, ghost):
         path.write_text(path.read_text() + "# changed\n")
