@@ -63,7 +63,7 @@ class Registry(Generic[T]):
         return [*self._own, *sorted(self._entry_points().keys() - self._own.keys())]
 
     def module_of(self, name: str) -> str | None:
-        """Return the module that defines or loads the object with this name; None if it is unknown."""
+        """Return the module that defines or loads the object with this name."""
         own = self._own.get(name, name)
         if not isinstance(own, str):
             return getattr(own, "__module__", None)
