@@ -1,9 +1,11 @@
 """User folders, shipped data, install commands, the commit of the sources, and atomic writing of result files."""
 
 import contextlib
+import errno
 import functools
 import json
 import os
+import re
 import shlex
 import shutil
 import stat
@@ -84,6 +86,11 @@ def commit() -> str:
     return version if name == own else "unknown"
 
 
+def displayable(name: str) -> str:
+    """Return a file name as valid text: bytes that are not UTF-8 become U+FFFD."""
+    return re.sub("[\ud800-\udfff]", "\ufffd", name)  # Python's replacements of these bytes
+
+
 def prepare(path: Path) -> Path:
     """Create the folder of a file that is written later; raises ValueError early if that will not be possible."""
     if _is_special(path):
@@ -123,6 +130,8 @@ def reason(error: OSError) -> str:
     """Format an OSError as ``PATH: REASON``; return the text of our own errors unchanged."""
     if error.strerror is None:
         return str(error)
+    if error.errno == errno.ENOENT and error.filename is None and not os.path.exists(os.curdir):
+        return "the current folder was deleted: change to another folder"
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
 
 

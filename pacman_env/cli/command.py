@@ -63,6 +63,13 @@ class Parser(argparse.ArgumentParser):
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 
+def add_subcommands(parser: argparse.ArgumentParser) -> Any:
+    """Return the subcommands of a group, to be filled; without a subcommand, the group's error lists them."""
+    group = parser.add_subparsers(metavar="SUBCOMMAND")
+    parser.set_defaults(run=lambda arguments: parser.error(f"choose one of {', '.join(group.choices)}"))
+    return group
+
+
 def run_command(
     parser: argparse.ArgumentParser,
     argv: Sequence[str] | None,

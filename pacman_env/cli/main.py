@@ -3,6 +3,7 @@
 To add a command, add a function to :data:`GROUPS`, or an entry to :data:`MODULES` if the command has its own module."""
 
 import argparse
+import io
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -40,6 +41,8 @@ REMOVED = {
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="replace")  # file names need not be text
     return guarded("pacman-env", lambda: _main(sys.argv[1:] if argv is None else argv))
 
 
@@ -188,7 +191,8 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
         ghosts=tuple(arguments.ghosts or make_config(arguments.preset).clyde.ghosts),
         settings=parse_settings(arguments.set),
     )
-    files = [name for name in (arguments.policy, arguments.second) if name.endswith(".onnx") or ":" in name]
+    named = arguments.policy, arguments.second
+    files = [name for name in named if name.lower().endswith((".onnx", ".zip")) or ":" in name]
     maps = [arguments.map] if own else []
     seed, speed, start_s = arguments.seed, arguments.speed, arguments.start_show
     return SimulatedGame(rules, maps=maps, policies=files, seed=seed, speed=speed, start_s=start_s)

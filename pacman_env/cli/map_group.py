@@ -1,16 +1,18 @@
-"""Subcommands of ``pacman-env map``: check, list and generate maps."""
+"""Subcommands of ``pacman-env map``: check, list, generate and turn maps."""
 
 import argparse
+import dataclasses
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import finite_number, whole_number
+from pacman_env.cli.command import add_subcommands, finite_number, whole_number
 
 
 def add_map_group(commands: Any) -> None:
-    parser = commands.add_parser("map", help="check, list and generate occupancy maps")
-    group = parser.add_subparsers(metavar="SUBCOMMAND", required=True)
+    parser = commands.add_parser("map", help="check, list, generate and turn occupancy maps")
+    group = add_subcommands(parser)
     check = group.add_parser("check", help="print areas, pellets and warnings of a map")
     add, number = check.add_argument, finite_number()
     add("map", metavar="FILE_OR_NAME", help="YAML file of a map, its folder, or the name of a shipped map")
@@ -25,12 +27,17 @@ def add_map_group(commands: Any) -> None:
     generate.add_argument("--level", type=whole_number(0), default=0, help="first level (%(default)s)")
     generate.add_argument("--count", type=whole_number(0), default=1, help="number of levels (%(default)s)")
     generate.set_defaults(run=_map_generate)
+    turn = group.add_parser("turn", help="write a map whose origin has a yaw with a turned image and yaw 0")
+    turn.add_argument("map", metavar="FILE_OR_NAME", help="YAML file of a map, or its folder")
+    turn.add_argument("out", type=Path, metavar="OUT.yaml", help="YAML file to write, with an image next to it")
+    turn.set_defaults(run=_map_turn)
 
 
 def _map_check(arguments: argparse.Namespace) -> int:
     from pacman_env.config import located, make_config, parse_settings
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.sim.maps.assets import map_assets
+    from pacman_env.sim.maps.round_time import time_warning
     from pacman_env.world.maps.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
@@ -38,10 +45,12 @@ def _map_check(arguments: argparse.Namespace) -> int:
     occupancy = load_map(arguments.map)
     with located(occupancy.name, ValueError, ValueError):
         pellets = generate_pellets(occupancy, config.pellets)
-    report = check_map(occupancy, pellets.position, pellets.ids, config, home=tuple(arguments.home))
+    home, file = tuple(arguments.home), shlex.quote(arguments.map)
+    report = check_map(occupancy, pellets.position, pellets.ids, config, home=home, file=file)
     refusal = None
     try:
-        map_assets(occupancy, config)
+        if note := time_warning(map_assets(occupancy, config), config):
+            report = dataclasses.replace(report, warnings=(*report.warnings, note))
     except ValueError as error:
         refusal = str(error)
     if arguments.json:
@@ -76,4 +85,15 @@ def _map_generate(arguments: argparse.Namespace) -> int:
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level, file in files.items():
         print(prepare_level(level, config).occupancy.save(file))
+    return 0
+
+
+def _map_turn(arguments: argparse.Namespace) -> int:
+    from pacman_env.world.maps.occupancy import load_map
+    from pacman_env.world.maps.turning import turned
+
+    out = arguments.out
+    if out.suffix.lower() != ".yaml" or out.exists():
+        raise ValueError(f"{out}: must be a new file that ends in .yaml")
+    print(turned(load_map(arguments.map), out.stem).save(out))
     return 0

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import finite_number, whole_number
+from pacman_env.cli.command import add_subcommands, finite_number, whole_number
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command
 
@@ -29,7 +29,7 @@ ASKING = {
 
 
 def add_ros_group(commands: Any) -> None:
-    group = commands.add_parser("ros", help="play on a robot").add_subparsers(metavar="SUBCOMMAND", required=True)
+    group = add_subcommands(commands.add_parser("ros", help="play on a robot"))
     _add_up(group)
     for name, text in ASKING.items():
         parser = group.add_parser(name, help=text)

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
+from pacman_env.cli.command import whole_number
+
 _STEPS = 12
 _SHORT = {"time_limit_s": 4.0}  # short, so that rounds end and start
 _EVENTFUL = {
@@ -25,13 +27,15 @@ def add_warm_up(commands: Any) -> None:
     parser = commands.add_parser("warm-up", help="compile all kernels in advance (for images and new machines)")
     parser.add_argument("--robot", action="store_true", help="also compile kernels of the ROS nodes; needs no ROS")
     houses = "also prepare the first N training houses and the first N of the 200 test houses"
-    parser.add_argument("--houses", type=int, default=0, metavar="N", help=houses)
+    parser.add_argument("--houses", type=whole_number(0), default=0, metavar="N", help=houses)
     parser.set_defaults(run=lambda arguments: _report(arguments.robot, arguments.houses))
 
 
 def _report(robot: bool, houses: int) -> int:
     from pacman_env.engine.cache_folder import cache_dir, check_kept, kernel_folder, mark
+    from pacman_env.engine.jit import require_compiler
 
+    require_compiler()
     for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
         done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
         if done is None:

@@ -30,18 +30,27 @@ def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
     ``cached=False`` is for functions from outside the package: two functions of a process may have the same name, but
     symbols in cached machine code must be unique. ``allocates=False`` is for :func:`table_kernel`.
     """
+    require_compiler()
     options = {} if allocates else {"_nrt": False}
     compiled: F = numba.njit(error_model="numpy", forceinline=True, nogil=True, no_cfunc_wrapper=True, **options)(
         _with_rules_compiled(function)
     )
-    if numba_config.DISABLE_JIT:
-        return compiled
     callee = Callee(typing.cast(Any, compiled))
     compiled.get_call_template, compiled.get_overload = callee.get_call_template, callee.get_overload  # type: ignore[attr-defined]
     if cached and (folder := kernel_folder()) is not None:
         compiled._cache = KernelCache(typing.cast(Any, compiled), folder)  # type: ignore[attr-defined]
         take_turns(compiled)
     return compiled
+
+
+def require_compiler() -> None:
+    """Raise OSError if Numba's compiler is switched off, because kernels use operations that Python lacks."""
+    if numba_config.DISABLE_JIT:
+        raise OSError(
+            "NUMBA_DISABLE_JIT is set, but the kernels of the simulator only run compiled: unset it. Without it, "
+            "debuggers and coverage work in pacman_env/game, which is plain Python, and print() works in kernels"
+            " (see CONTRIBUTING.md)"
+        )
 
 
 def table_kernel(function: F) -> F:

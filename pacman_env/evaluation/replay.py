@@ -158,7 +158,7 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
 
     fps = SPEED_UP / tick_s
     with replaced(path) as temporary:
-        if path.suffix == ".gif":
+        if path.suffix.lower() == ".gif":
             writer = imageio.get_writer(temporary, mode="I", duration=1000 / fps, loop=0)
         else:
             writer = imageio.get_writer(temporary, fps=fps, codec="libx264", macro_block_size=2)
@@ -173,7 +173,7 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
             if error.errno is not None:
                 raise
             raise OSError(cut) from error  # imageio's message is ffmpeg's whole command
-        if path.suffix != ".gif" and not _can_be_read(temporary):
+        if path.suffix.lower() != ".gif" and not _can_be_read(temporary):
             raise OSError(cut)
 
 
@@ -240,13 +240,13 @@ def make_parser() -> Parser:
 
 def _replay(arguments: argparse.Namespace) -> None:
     config = scenarios.game_configs(arguments)[0]
-    policies = scenarios.named_policies(arguments.policies)
+    policies = scenarios.named_policies(scenarios.distinct("--policies", arguments.policies))
     wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
         raise ValueError("--levels: must not be combined with --map: a round is played on one of them")
     place = scenarios.scenario_name(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
-    if out.suffix not in _SUFFIXES:
+    if out.suffix.lower() not in _SUFFIXES:
         raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
     prepare(out)
     games = record_games(wanted[0], config, policies, arguments.seed)
@@ -263,7 +263,7 @@ def _replay(arguments: argparse.Namespace) -> None:
 
 
 def _write(out: Path, games: Sequence[RecordedGame], title: str, theme: Theme) -> None:
-    if out.suffix != ".html":
+    if out.suffix.lower() != ".html":
         film_games(games, out, theme=theme)
         return
     with tempfile.TemporaryDirectory() as folder:

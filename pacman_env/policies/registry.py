@@ -43,8 +43,10 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     """
     if spec == LEARNED_CLYDE:
         return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)
-    if spec.endswith(_FILE):
+    if spec.lower().endswith(_FILE):
         return LearnedPlanner(spec, **parameters)
+    if spec.lower().endswith(".zip"):
+        raise ValueError(f"{spec}: must be an .onnx file; 'pacman-env export' converts a checkpoint of a training")
     factory = POLICIES.find(spec)
     if not callable(factory):
         raise ValueError(f"policy {spec!r}: {factory!r} is no class or function that makes one")
@@ -64,9 +66,8 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
 
 def moved_by_policy(ghost: str) -> bool:
     """Return True if a name in ``clyde.ghosts`` means a policy (also ``clyde:learned`` or a file), not a behaviour."""
-    return (
-        ghost == LEARNED_CLYDE or ghost.endswith(_FILE) or (ghost in policy_names() and ghost not in behaviour_names())
-    )
+    file = ghost == LEARNED_CLYDE or ghost.lower().endswith(_FILE)
+    return file or (ghost in policy_names() and ghost not in behaviour_names())
 
 
 def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:

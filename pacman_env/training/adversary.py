@@ -240,7 +240,7 @@ def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[P
             with contextlib.closing(Collector(make_parts(game, 0), executor)) as games:
                 imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
         return model, 0
-    if path.suffix == ".onnx":
+    if path.suffix.lower() == ".onnx":
         network = network_of(path)
         hidden = tuple(np.flatnonzero(network.shown.numpy() == 0).tolist())
         model = make(width=network.width, dropped_features=hidden, dropped_kinds=network.dropped_kinds)

@@ -77,7 +77,8 @@ def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    with located(f"{path}: no planner that can be loaded", ValueError, Exception):  # may fail anywhere, too
+    text = f"{path}: {_kind(path)}, but no checkpoint of 'pacman-env train'"
+    with located(text, ValueError, Exception):  # may fail anywhere, too
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
             sizes = json.loads(archive.read("data"))["policy_kwargs"]
@@ -87,6 +88,15 @@ def load_network(path: Path) -> EntityNetwork:
         network.load_state_dict(state)
     check_sizes(network, path)
     return network.eval()
+
+
+def _kind(path: Path) -> str:
+    """Return what a file is that cannot be loaded."""
+    if not zipfile.is_zipfile(path):
+        return "no zip file, or cut off"
+    with zipfile.ZipFile(path) as archive:
+        foreign = "_stable_baselines3_version" in archive.namelist()
+    return "a model of Stable-Baselines3 (see docs/use_with/sb3.md)" if foreign else "another kind of zip file"
 
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:

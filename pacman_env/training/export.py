@@ -111,7 +111,7 @@ def model_bytes(network: EntityNetwork) -> bytes:
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
     """Write ``path`` (.onnx) and its metadata; old files are replaced only if the results match torch's."""
-    if path.suffix != ".onnx":
+    if path.suffix.lower() != ".onnx":
         raise ValueError(f"{path}: must end in .onnx")
     if path.is_symlink():  # the metadata would lie next to the link, not next to the file
         raise ValueError(f"{path}: is a link to {path.readlink()}: name that")

@@ -60,8 +60,9 @@ def _compare(arguments: argparse.Namespace) -> None:
 
     configs = scenarios.game_configs(arguments)
     config = configs[0]
-    policies = scenarios.named_policies(arguments.policies)
+    policies = scenarios.named_policies(scenarios.distinct("--policies", arguments.policies))
     maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
+    scenarios.warn_of_short_time(maps, config)
     json_path, plot_path, video_path = _outputs(arguments)
     seeds = episode_seeds(arguments.seed, arguments.episodes)
     work = list(itertools.product(maps.items(), configs, policies.items()))
@@ -90,7 +91,7 @@ def _compare(arguments: argparse.Namespace) -> None:
     if video_path is not None:
         from pacman_env.evaluation.replay import film_games, record_games
 
-        height = 720 if len(policies) == 1 and video_path.suffix == ".mp4" else 480  # GIFs grow large
+        height = 720 if len(policies) == 1 and video_path.suffix.lower() == ".mp4" else 480  # GIFs grow large
         film_games(record_games(next(iter(maps.values())), config, policies, seeds[0]), video_path, height)
     written = [path for path in (json_path, plot_path, video_path) if path is not None]
     print(f"\nwritten: {', '.join(map(str, written))}")
@@ -101,9 +102,9 @@ def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | N
     if plot is None:
         plot = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")
     video = arguments.video
-    if plot.suffix != ".png":
+    if plot.suffix.lower() != ".png":
         raise ValueError(f"--plot {plot}: must end in .png")
-    if video is not None and video.suffix not in _VIDEO_SUFFIXES:
+    if video is not None and video.suffix.lower() not in _VIDEO_SUFFIXES:
         raise ValueError(f"--video {video}: must end in {' or '.join(_VIDEO_SUFFIXES)}")
     if arguments.json == plot:
         raise ValueError(f"--json {plot}: must differ from --plot")

@@ -117,12 +117,12 @@ def make_parser() -> Parser:
 
 def _leaderboard(arguments: argparse.Namespace) -> None:
     page = arguments.out
-    if page.suffix != ".md":
+    if page.suffix.lower() != ".md":
         raise ValueError(f"--out {page}: must end in .md")
     if arguments.source is not None:
         table = read_table(arguments.source)
     else:
-        if arguments.json.suffix != ".json":
+        if arguments.json.suffix.lower() != ".json":
             raise ValueError(f"--json {arguments.json}: must end in .json")
         plan = _plan(arguments)
         prepare(arguments.json)

@@ -87,12 +87,13 @@ def _report(arguments: argparse.Namespace, command: str) -> None:
     plan = _plan(arguments)
     report = _header(plan, arguments, command)
     page, json_path = arguments.out, arguments.json
-    if page.suffix != ".html":
+    if page.suffix.lower() != ".html":
         raise ValueError(f"--out {page}: must end in .html")
     if json_path == page:
         raise ValueError(f"--json {page}: must differ from --out")
     for path in filter(None, (page, json_path)):
         prepare(path)
+    scenarios.warn_of_short_time(plan.maps, plan.config)
     work = matchups(plan)
     played = play_left(arguments.parts or page.with_suffix(".parts"), list(work.values()), arguments)
     report |= Results(plan, dict(zip(work, played, strict=True))).numbers()
@@ -135,7 +136,7 @@ def _plan(arguments: argparse.Namespace) -> ReportPlan:
             check_single_rounds(variant.config)
         if names.count(variant.name) > 1:
             raise ConfigError(f"--variant {variant.name}: given twice")
-    policies = scenarios.named_policies([*arguments.policies, arguments.baseline])
+    policies = scenarios.named_policies([*scenarios.distinct("--policies", arguments.policies), arguments.baseline])
     wanted = scenarios.from_arguments(arguments)
     return ReportPlan(
         maps=scenarios.named_scenarios(wanted, [config, *(variant.config for variant in variants)]),
@@ -203,7 +204,7 @@ def _films(plan: ReportPlan, pair: dict[str, Any] | None, wanted: int, page: Pat
 def model_facts(spec: str) -> dict[str, str]:
     """Return the metadata of ``FILE.onnx`` or the shipped planner by dotted name; {} for other policies."""
     path = PRETRAINED if spec == "ppo" else Path(spec)
-    return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix == ".onnx" else {}
+    return dict(_flat(msgspec.to_builtins(read_planner(path)[0]))) if path.suffix.lower() == ".onnx" else {}
 
 
 def _flat(facts: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:

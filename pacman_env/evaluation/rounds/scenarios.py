@@ -7,11 +7,12 @@ policies and speeds play the same levels one after the other.
 import argparse
 import functools
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,16 @@ from numpy.typing import NDArray
 from pacman_env.cli.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.config.validation import require
-from pacman_env.files import install_command
+from pacman_env.files import displayable, install_command
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
+from pacman_env.sim.maps.round_time import time_warning
 from pacman_env.world.maps.occupancy import OccupancyMap
 
+T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # about 4 MB each
@@ -95,6 +98,21 @@ def named_scenarios(wanted: Sequence[Scenario], configs: Sequence[Config]) -> di
     return named
 
 
+def warn_of_short_time(named: dict[str, Scenario], config: Config) -> None:
+    """Print a note for each map whose pellets need more time than a round has."""
+    for name, scenario in named.items():
+        if note := time_warning(open_scenario(scenario, config).first, config):
+            print(f"note: {name}: {note}", file=sys.stderr)
+
+
+def distinct(option: str, values: Sequence[T]) -> list[T]:
+    """Return the values without duplicates; a note names the duplicates."""
+    once = list(dict.fromkeys(values))
+    if twice := [str(value) for value in once if values.count(value) > 1]:
+        print(f"note: {option}: {', '.join(twice)} given more than once, used once", file=sys.stderr)
+    return once
+
+
 def scenario_name(scenario: Scenario, config: Config) -> str:
     first = open_scenario(scenario, config).first
     return f"generated:{scenario.split}" if isinstance(scenario, Levels) else first.occupancy.name
@@ -126,7 +144,7 @@ def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     for source in arguments.map:
         if source.partition(":")[0] == "generated":
             raise ValueError(f"--map {source}: generated houses are given as --levels test or --levels train")
-    maps: list[Scenario] = list(dict.fromkeys(arguments.map))
+    maps: list[Scenario] = distinct("--map", arguments.map)
     if arguments.levels is None:
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):
             if value is not None:
@@ -191,7 +209,7 @@ def game_configs(arguments: argparse.Namespace) -> list[Config]:
             if name in changes:
                 raise ConfigError(f"{name}: given twice")
             changes[name] = value
-    speeds = dict.fromkeys(arguments.clyde_speed)
+    speeds = distinct("--clyde-speed", arguments.clyde_speed)
     rules = {"preset": arguments.preset, "execution": arguments.execution, **changes}
     configs = [make_config(**rules, **{"clyde.speed_mps": speed}) for speed in speeds]
     check_goals(configs[0])
@@ -222,7 +240,7 @@ def load_policy(spec: str) -> Policy:
 
 
 def is_checkpoint(spec: str) -> bool:
-    return spec.endswith(".zip")
+    return spec.lower().endswith(".zip")
 
 
 def named_policies(specs: Sequence[str]) -> dict[str, str]:
@@ -234,6 +252,7 @@ def named_policies(specs: Sequence[str]) -> dict[str, str]:
 
 def result_names(specs: Sequence[str]) -> dict[str, str]:
     """Return a unique name for each spec: the stem of a file if no other has it, else the spec itself."""
-    short = {spec: Path(spec).stem if Path(spec).suffix in _POLICY_FILES else spec for spec in specs}
+    whole = {spec: displayable(spec) for spec in specs}
+    short = {spec: Path(n).stem if n.lower().endswith(_POLICY_FILES) else n for spec, n in whole.items()}
     names = list(short.values())
-    return {spec: name if names.count(name) == 1 or name == spec else spec for spec, name in short.items()}
+    return {spec: name if names.count(name) == 1 or name == spec else whole[spec] for spec, name in short.items()}

@@ -44,11 +44,11 @@ def hash_of_files(path: Path) -> str:
 
 def contents(specs: Iterable[str]) -> dict[str, dict[str, bytes]]:
     """Return the content of policy files and their metadata files, by spec and file name."""
-    return {spec: _content(Path(spec)) for spec in specs if Path(spec).suffix in _METADATA}
+    return {spec: _content(Path(spec)) for spec in specs if Path(spec).suffix.lower() in _METADATA}
 
 
 def _content(path: Path) -> dict[str, bytes]:
-    metadata = path.with_suffix(_METADATA[path.suffix])
+    metadata = path.with_suffix(_METADATA[path.suffix.lower()])
     return {one.name: one.read_bytes() for one in (path, metadata) if one is path or one.is_file()}
 
 

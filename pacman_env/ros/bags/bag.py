@@ -100,7 +100,7 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 def check(path: Path) -> str:
     """Raise BagError if a file differs from its checksums; return what could not be checked, empty if nothing."""
     unchecked = 0
-    files = [file for file in mcap_files(path) if file.suffix == ".mcap"]
+    files = [file for file in mcap_files(path) if file.suffix.lower() == ".mcap"]
     for file in files:
         with file.open("rb") as stream:
             scan = McapScan(stream)

@@ -191,7 +191,7 @@ def recorded_config(bag: Bag) -> Config:
                 fields = differences(make_config().as_dict(), plays["configuration"])
                 values = {name: value for name, (_, value) in fields.items() if value is not None}  # as of 0.10
                 config = make_config(**values)
-                ghosts = ("policy" if name.endswith(".onnx") else name for name in config.clyde.ghosts)  # not run here
+                ghosts = ("policy" if name.lower().endswith(".onnx") else name for name in config.clyde.ghosts)
                 config = config.with_fields(**{"clyde.ghosts": tuple(ghosts)})
     return config
 

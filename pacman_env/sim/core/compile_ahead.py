@@ -9,8 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-from numba.core import config as numba_config
-
 from ...engine.cache_folder import kernel_folder
 from ...engine.cores import cores
 from ...engine.interrupts import end_with
@@ -23,7 +21,7 @@ _ROOT = Path(__file__).resolve().parents[3]
 
 def begin() -> subprocess.Popen[bytes] | None:
     """Start a process that compiles the tick kernel; return None if it is cached or no core is free."""
-    if kernel_folder() is None or numba_config.DISABLE_JIT or cores() < 2 or not sys.executable:
+    if kernel_folder() is None or cores() < 2 or not sys.executable:
         return None
     cache = play._cache  # type: ignore[attr-defined]
     if (folder := cache.find()) is None or cache.keeps(RANGE):

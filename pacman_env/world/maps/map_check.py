@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap
+from pacman_env.world.maps.turning import moves_cells
 from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are artefacts of mapping and not counted
@@ -73,15 +74,17 @@ def check_map(
     config: Config,
     *,
     home: tuple[float, float] | None = (0.0, 0.0),
+    file: str = "MAP.yaml",
 ) -> MapReport:
     """Check a map and the pellets of Algorithm 1 on it, (P, 2) in m, under the rules of an environment.
 
     The robot starts at ``home``, m. If it does not fit there, it starts at the widest place of the largest part.
+    Remedies name the map's ``file``.
     """
     free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2
     areas = connected_parts(free)[1] * cell_m2
-    warnings = [*map.notes, *_image_warnings(map, free, nav2_free, config.pellets.free_grey)]
+    warnings = [*map.notes, *_image_warnings(map, free, nav2_free, config.pellets.free_grey, file)]
     grid = None
     for wished in (None if home in (None, (0.0, 0.0)) else (*home, 0.0), None):
         with contextlib.suppress(MapError):
@@ -117,7 +120,7 @@ def check_map(
 
 
 def _image_warnings(
-    map: OccupancyMap, free: NDArray[np.bool_], nav2_free: NDArray[np.bool_], free_grey: int
+    map: OccupancyMap, free: NDArray[np.bool_], nav2_free: NDArray[np.bool_], free_grey: int, file: str
 ) -> list[str]:
     warnings = []
     unsure, blocked, cell_m2 = nav2_free & ~free & (map.grey > 0), free & ~nav2_free, map.resolution**2
@@ -145,9 +148,12 @@ def _image_warnings(
     if map.free_thresh >= map.occupied_thresh:
         thresholds = f"free_thresh {map.free_thresh:g} is not below occupied_thresh {map.occupied_thresh:g}"
         warnings.append(f"{thresholds}: free wins")
-    if map.origin[2] != 0:
-        turned = f"the image is turned by {map.origin[2]:g} rad in the map frame"
-        warnings.append(f"{turned}: the original game's pellet formula ignores that")
+    if moves_cells(map):
+        warnings.append(
+            f"the image is turned by {map.origin[2]:g} rad in the map frame, which a robot's Nav2 and AMCL ignore: its "
+            f"goals would lie elsewhere; write the turned image by 'pacman-env map turn {file} OUT.yaml' and use it "
+            "here and on the robot"
+        )
     if free[0].any() or free[-1].any() or free[:, 0].any() or free[:, -1].any():
         warnings.append("free area touches the image border, as if the outside were free")
     return warnings

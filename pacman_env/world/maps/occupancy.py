@@ -21,11 +21,10 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from pacman_env.files import replaced, shipped
+from pacman_env.files import displayable, replaced, shipped
 from pacman_env.plugins import offer
+from pacman_env.world.maps.map_image import SUFFIXES, Grey, Mask, read_pixels
 
-Grey = NDArray[np.uint8]
-Mask = NDArray[np.bool_]
 Pose = tuple[float, float, float]  # x, y, yaw: m and rad
 MODES = ("trinary", "scale", "raw")
 _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
@@ -33,10 +32,8 @@ _KEYS = ("image", "resolution", "origin", "occupied_thresh", "free_thresh", "neg
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*", re.ASCII)
 _WHOLE = re.compile(r"[+-]?(0[xX][\da-fA-F]+|0[0-7]*|[1-9]\d*)\s*", re.ASCII)
 _BOOLEANS = {"y": True, "yes": True, "true": True, "on": True, "n": False, "no": False, "false": False, "off": False}
-MAX_PIXELS_PER_SIDE = 10_000
-_PNG = b"\x89PNG\r\n\x1a\n"
-_GAP = rb"(?:\s|#[^\n]*\n)+"
-_PGM_HEADER = re.compile(rb"P([25])" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,9})" + _GAP + rb"(\d{1,5})\s")
+#: Largest coordinate of a map, m; float32 values of observations have steps of at most 1 mm there.
+MAX_COORDINATE_M = 10_000.0
 #: Exceptions of PyYAML for broken input.
 _YAML_ERRORS = (yaml.YAMLError, ValueError, OverflowError, RecursionError)
 
@@ -67,6 +64,7 @@ class OccupancyMap:
         if grey.ndim != 2 or grey.size == 0 or occupancy.shape != grey.shape:
             raise MapError(f"{self.name}: grey {grey.shape} and occupancy {occupancy.shape} must be one (H, W)")
         grey.flags.writeable = occupancy.flags.writeable = False
+        object.__setattr__(self, "name", displayable(self.name))
         object.__setattr__(self, "grey", grey)
         object.__setattr__(self, "occupancy", occupancy)
         object.__setattr__(self, "origin", tuple(map(float, self.origin)))
@@ -79,6 +77,13 @@ class OccupancyMap:
                 raise MapError(f"{self.name}: key '{key}': {getattr(self, key)} must be within 0..1")
         if self.mode not in MODES:
             raise MapError(f"{self.name}: key 'mode': {reprlib.repr(self.mode)} must be one of {', '.join(MODES)}")
+        low, high = np.array(self.extent).T
+        if max(*-low, *high) > MAX_COORDINATE_M:
+            near = [*(self.origin[:2] - np.round((low + high) / 2, -3)).tolist(), self.origin[2]]
+            rule = f"all corners must lie within {MAX_COORDINATE_M / 1000:g} km of (0, 0)"
+            raise MapError(
+                f"{self.name}: key 'origin': {list(self.origin)}: {rule}: set it to {near}, here and on the robot"
+            )
 
     def _settings(self) -> dict[str, Any]:
         keys = ("resolution", "origin", "occupied_thresh", "free_thresh", "negate", "mode")
@@ -127,6 +132,13 @@ class OccupancyMap:
     def width(self) -> int:
         """Number of columns of the image."""
         return self.grey.shape[1]
+
+    @property
+    def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Range of x and range of y of the image's corners, m."""
+        right, top = self.width - 0.5, self.height - 0.5
+        x, y = self.cell_to_world([-0.5, right, -0.5, right], [-0.5, -0.5, top, top])
+        return (float(x.min()), float(x.max())), (float(y.min()), float(y.max()))
 
     @cached_property
     def hash(self) -> str:
@@ -216,16 +228,20 @@ def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
     try:
         path = Path(source).expanduser()
         if path.is_dir():
-            files = sorted(path.glob("*.yaml"))
+            files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".yaml")
             if len(files) != 1:
                 raise MapError(f"{path}: a map's folder holds exactly one .yaml file, this one {len(files)}")
             return files[0], path.resolve().name
+        if path.is_file() and path.suffix.lower() in SUFFIXES:
+            raise MapError(f"{path}: is an image, give the YAML file of the map")
         if path.is_file():
             return path, map_name(path)
     except (OSError, RuntimeError) as error:  # no permission, or an unknown user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
+    if path.suffix or len(path.parts) > 1:
+        raise MapError(f"{source}: no such file or folder")
     raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {offer(str(source), names)}")
 
 
@@ -283,7 +299,7 @@ def _read(name: str, path: Path, text: bytes, content: Callable[[Path], bytes]) 
     if not isinstance(image, str) or not image or "\0" in image:
         raise MapError(f"{path}: key 'image': {reprlib.repr(image)} must be the name of a file")
     try:
-        pixels, opaque = _pixels(content(path.parent / image))
+        pixels, opaque = read_pixels(content(path.parent / image))
     except ValueError as error:
         raise MapError(f"{path}: key 'image': {path.parent / image}: {error}") from error
     try:
@@ -352,80 +368,3 @@ def _content(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from error
-
-
-def _pixels(data: bytes) -> tuple[Grey, Mask | None]:
-    """Return the brightness (H, W), row 0 at the top, and the mask of opaque pixels (None without alpha).
-
-    Like in GraphicsMagick, which Nav2 uses, colour becomes grey by Rec. 601 luma, 16 bits become 8, and alpha 255 is
-    opaque. OpenCV decodes PNG and BMP, but it does not rescale binary PGMs with a maxval other than 255.
-    """
-    pgm = _PGM_HEADER.match(data)
-    if pgm:
-        width, height = int(pgm[2]), int(pgm[3])
-    elif data.startswith(_PNG) and len(data) > 33:
-        width, height = struct.unpack(">II", data[16:24])
-    elif data.startswith(b"BM") and len(data) > 26:
-        width, height = map(abs, struct.unpack("<ii", data[18:26]))  # negative height: rows from the top
-    else:
-        raise ValueError("neither PGM (P2, P5) nor PNG nor BMP, or cut off")
-    # Check before unpacking, because a small file can claim to be a huge image.
-    if not (0 < width <= MAX_PIXELS_PER_SIDE and 0 < height <= MAX_PIXELS_PER_SIDE):
-        raise ValueError(f"{width} x {height} pixels, must be within 1..{MAX_PIXELS_PER_SIDE} per side")
-    return (_pgm(data, pgm, width, height), None) if pgm else _decode(data, width, height)
-
-
-def _decode(data: bytes, width: int, height: int) -> tuple[Grey, Mask | None]:
-    import cv2
-
-    try:
-        planes = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        planes = None
-    if planes is None or planes.shape[:2] != (height, width) or planes.dtype not in (np.uint8, np.uint16):
-        raise ValueError("a broken image")
-    if planes.ndim == 2:
-        key = _transparent_grey(data)
-        return _to_byte(planes), None if key is None else planes != key
-    opaque = _to_byte(planes[:, :, 3]) == 255 if planes.shape[2] == 4 else None
-    if data.startswith(b"BM") and opaque is not None and not planes[:, :, 3].any():
-        opaque = None  # all zeros: the fourth byte is padding, not alpha
-    blue, green, red = (planes[:, :, k].astype(np.uint32) for k in range(3))
-    luma = (299 * red + 587 * green + 114 * blue + 500) // 1000
-    return _to_byte(luma.astype(planes.dtype)), opaque
-
-
-def _to_byte(plane: NDArray[Any]) -> Grey:
-    """Convert 16-bit to 8-bit values, rounded."""
-    return plane if plane.dtype == np.uint8 else ((plane.astype(np.uint32) + 128) // 257).astype(np.uint8)
-
-
-def _transparent_grey(data: bytes) -> int | None:
-    """Return the grey that a PNG's tRNS chunk (ignored by OpenCV) makes transparent, at the decoded depth, or None."""
-    at = len(_PNG)
-    while data.startswith(_PNG) and at + 12 <= len(data) and data[at + 4 : at + 8] != b"IDAT":
-        (size,) = struct.unpack(">I", data[at : at + 4])
-        if data[at + 4 : at + 8] == b"tRNS" and size == 2:
-            depth, (value,) = data[24], struct.unpack(">H", data[at + 8 : at + 10])
-            return value * 255 // (2**depth - 1) if depth < 8 else value
-        at += 12 + size
-    return None
-
-
-def _pgm(data: bytes, header: re.Match[bytes], width: int, height: int) -> Grey:
-    maxval, count, raster = int(header[4]), width * height, data[header.end() :]
-    if not 0 < maxval <= 65535:
-        raise ValueError(f"maxval {maxval} must be within 1..65535")
-    if header[1] == b"2":
-        words = re.sub(rb"#[^\n]*", b"", raster).split(maxsplit=count)[:count]
-        if not all(map(bytes.isdigit, words)):
-            raise ValueError("the raster holds something that is not a number")
-        values = np.array([min(int(w[:9]), maxval) for w in words], dtype=np.uint32)
-    else:
-        dtype = np.dtype(">u2" if maxval > 255 else "u1")
-        values = np.frombuffer(raster, dtype, count=min(count, len(raster) // dtype.itemsize))
-    if len(values) < count:
-        raise ValueError(f"cut off after {len(values)} of {count} pixels")
-    if maxval != 255:
-        values = (np.minimum(values, maxval).astype(np.uint32) * 510 + maxval) // (2 * maxval)
-    return values.astype(np.uint8).reshape(height, width)

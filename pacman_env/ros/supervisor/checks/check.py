@@ -191,7 +191,8 @@ class Observations:
     @property
     def start_localization(self) -> str:
         file = self.map_file or "$PWD/home.yaml"
-        return self._launch("localization", f"map:={file if file.endswith('.yaml') else f'$PWD/maps/{file}.yaml'}")
+        path = file if file.lower().endswith(".yaml") else f"$PWD/maps/{file}.yaml"
+        return self._launch("localization", f"map:={path}")
 
     @property
     def start_nav2(self) -> str:
