@@ -130,7 +130,7 @@ def reason(error: OSError) -> str:
     """Format an OSError as ``PATH: REASON``; return the text of our own errors unchanged."""
     if error.strerror is None:
         return str(error)
-    if error.errno == errno.ENOENT and error.filename is None and not os.path.exists(os.curdir):
+    if error.errno == errno.ENOENT and error.filename is None:  # of getcwd
         return "the current folder was deleted: change to another folder"
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
 
@@ -170,7 +170,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 def write_text(path: Path, text: str) -> None:
     """Write a text file atomically."""
     with replaced(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(displayable(text), encoding="utf-8")
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -4,6 +4,7 @@ To add a command, add a function to :data:`GROUPS`, or an entry to :data:`MODULE
 
 import argparse
 import io
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -50,6 +51,8 @@ def _main(argv: Sequence[str]) -> int:
     if argv and argv[0] in MODULES:
         module, _ = MODULES[argv[0]]
         extra = "dataset" if argv[0] == "dataset" else "train" if module.startswith("training") else "eval"
+        if extra == "train":
+            os.getcwd()  # raises OSError in a deleted folder, where the import of torch ends the process
         return guarded(f"pacman-env {argv[0]}", lambda: import_module(f"pacman_env.{module}").main(argv[1:]), extra)
     if not argv:
         print(first_steps(__version__))
