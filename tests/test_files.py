@@ -15,7 +15,17 @@ from pathlib import Path
 import pytest
 
 from pacman_env import files
-from pacman_env.files import commit, install_command, new_folder, prepare, reason, replaced, user_folder
+from pacman_env.files import (
+    commit,
+    displayable,
+    install_command,
+    new_folder,
+    prepare,
+    reason,
+    replaced,
+    user_folder,
+    write_text,
+)
 
 
 def test_commit_is_independent_of_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,3 +189,19 @@ def test_system_error_names_final_file_instead_of_temporary(tmp_path: Path, smal
         (tmp_path / "absent").read_bytes()
     assert reason(refusal.value) == f"{tmp_path / 'absent'}: No such file or directory"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_deleted_current_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(FileNotFoundError) as caught:
+        prepare(Path("out.json"))
+    assert "the current folder was deleted" in reason(caught.value)
+
+
+def test_undecodable_bytes_of_a_name_become_text(tmp_path: Path) -> None:
+    name = os.fsdecode(b"K\xfcche")
+    assert displayable(name) == "K\ufffdche"
+    write_text(tmp_path / "page.html", name)
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "K\ufffdche"

@@ -24,6 +24,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("map check home.yaml --set pellets.free_grey=242", "check a map from Cartographer, whose free cells are grey"),
         ("map check house --spacing 1.5 --json", "check a shipped map with more pellets; print JSON"),
     ),
+    "map turn": (("map turn home.yaml turned.yaml", "write a map whose origin has a yaw with yaw 0"),),
     "map list": (("map list", "list the shipped maps"),),
     "map generate": (("map generate results/houses --level 7 --count 3", "write the houses of levels 7 to 9"),),
     "play": (

@@ -77,7 +77,7 @@ def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    text = f"{path}: {_kind(path)}, but no checkpoint of 'pacman-env train'"
+    text = f"{path}: {_kind(path)}, no checkpoint of 'pacman-env train'"
     with located(text, ValueError, Exception):  # may fail anywhere, too
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
@@ -96,7 +96,7 @@ def _kind(path: Path) -> str:
         return "no zip file, or cut off"
     with zipfile.ZipFile(path) as archive:
         foreign = "_stable_baselines3_version" in archive.namelist()
-    return "a model of Stable-Baselines3 (see docs/use_with/sb3.md)" if foreign else "another kind of zip file"
+    return "a model of Stable-Baselines3 (see docs/use_with/sb3.md)" if foreign else "another or a damaged zip file"
 
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:

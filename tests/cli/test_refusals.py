@@ -18,13 +18,17 @@ NEEDED = {"play": "pygame", "web": "starlette", "dataset": "minari", "export": "
 COMMANDS = [
     ("fly", "invalid choice: 'fly'"),
     ("comapre", "did you mean compare"),
-    ("map", "the following arguments are required"),
+    ("map", "pacman-env map: choose one of check, list, generate, turn"),
+    ("ros", "pacman-env ros: choose one of up, start"),
     ("map chek house", "did you mean check"),
     ("map check", "the following arguments are required"),
     ("map check x --home 1", "expected 2 arguments"),
     ("map check x --home nan 0", "'nan' is not a finite number"),
     ("map check x --spacing two", "'two' is not a finite number"),
     ("map check nowhere", "nowhere: neither a YAML file"),
+    ("map check nowhere.yaml", "nowhere.yaml: no such file"),
+    ("map check room.pgm", "room.pgm: is an image, give the YAML file"),
+    ("map turn room.yaml room.yaml", "room.yaml: must be a new file"),
     ("map check room.yaml --spacing 0", "pellets.spacing_m"),
     ("map check room.yaml --set pellets.spacing_m=0", "pellets.spacing_m"),
     ("map check room.yaml --spacing 0.001", "room: pellets.spacing_m = 0.001: below the map's resolution"),
@@ -34,6 +38,7 @@ COMMANDS = [
         (f"map generate houses {levels}", "0 to 999999 (training) or 1000000 to 1000999 (test)")
         for levels in ("--count 0", "--level 1000999 --count 2", "--level 999999 --count 2")
     ),
+    ("warm-up --houses -3", "--houses: -3: must be at least 0"),
     ("warm-up foo", "pacman-env warm-up: unrecognized arguments: foo"),
     ("ros doctr", "did you mean doctor"),
     ("ros up --seed 2147483648", "must be at most"),  # a parameter of the ghosts' node
@@ -51,6 +56,7 @@ COMMANDS = [
     ("play --fps inf", "'inf' is not a finite number"),
     ("web --seed 9007199254740992", "must be at most"),  # a browser would round it
     ("web --map nowhere", "nowhere"),
+    ("web --policy run.zip", "run.zip: must be an .onnx file"),
     ("web --policy nobody", "policy 'nobody': choose one of"),
     ("web --ghosts policy", "behaviour 'policy': choose one of"),
     ("web --set robot.speed_mps=9", "robot.speed_mps"),

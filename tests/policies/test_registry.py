@@ -1,3 +1,4 @@
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -6,6 +7,7 @@ import pytest
 
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
+from pacman_env.policies.learned import PRETRAINED
 from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, register_policy, split_ghosts
 from tests.policies.contract import PolicyContract
 
@@ -79,3 +81,13 @@ def test_registry_imports_neither_torch_nor_environments() -> None:
     code = f"import sys, pacman_env.policies.registry; print({above} & set(sys.modules))"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "set()"
+
+
+def test_suffix_of_planner_file_is_read_in_any_case(tmp_path: Path) -> None:
+    for suffix, name in ((".onnx", "GOOD.ONNX"), (".json", "GOOD.json")):
+        shutil.copy(PRETRAINED.with_suffix(suffix), tmp_path / name)
+    spec = str(tmp_path / "GOOD.ONNX")
+    assert make_policy(spec).name
+    assert split_ghosts([spec])[0] == ("policy",)
+    with pytest.raises(ValueError, match="export"):
+        make_policy("model.ZIP")

@@ -26,8 +26,8 @@ def turned(map: OccupancyMap, name: str) -> OccupancyMap:
         raise MapError(f"{map.name}: {sizes} pixels if turned, must be within {MAX_PIXELS_PER_SIDE} per side")
     (left, _), (bottom, _) = map.extent
     unknown = map.grey[map.occupancy == -1][:1].tolist() or [0]  # 0: saved as transparent
-    blank = np.zeros(sizes[::-1], np.uint8)
-    result = dataclasses.replace(map, name=name, grey=blank, occupancy=blank, origin=(left, bottom, 0.0))
+    blank, origin = np.zeros(sizes[::-1], np.uint8), (left, bottom, 0.0)
+    result = dataclasses.replace(map, name=name, grey=blank, occupancy=blank.view(np.int8), origin=origin)
     corners = np.array(map.world_to_cell(*result.cell_to_world([0, 1, 0], [0, 0, 1])))  # (2, 3) in cells of ``map``
     affine = np.column_stack((corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], corners[:, 0]))
     grey, occupancy = (

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env.config import Config, ConfigError
+from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.rounds import scenarios as sources
 from pacman_env.evaluation.rounds.scenarios import (
@@ -14,6 +14,7 @@ from pacman_env.evaluation.rounds.scenarios import (
     Scenario,
     add_game_arguments,
     describe_scenario,
+    distinct,
     from_arguments,
     game_configs,
     load_policy,
@@ -22,6 +23,7 @@ from pacman_env.evaluation.rounds.scenarios import (
     parts_of_play,
     result_names,
     rule_changes,
+    warn_of_short_time,
 )
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
@@ -156,3 +158,17 @@ def test_rounds_on_one_map_keep_their_order() -> None:
     parts = parts_of_play("house", CONFIG, episode_seeds(0, 5), 2)
     assert [part.tolist() for part in parts] == [[0, 1, 2], [3, 4]]
     assert len(parts_of_play("house", CONFIG, episode_seeds(0, 2), 5)) == 2
+
+
+def test_repeated_values_are_used_once_and_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert from_arguments(given("--map", "maze", "house", "maze")) == ["maze", "house"]
+    assert "maze" in capsys.readouterr().err
+    assert distinct("--policies", ["nearest", "ppo"]) == ["nearest", "ppo"]
+    assert capsys.readouterr().err == ""
+
+
+def test_map_without_enough_time_is_noted(capsys: pytest.CaptureFixture[str]) -> None:
+    warn_of_short_time({"home": "house"}, make_config("robot", time_limit_s=100.0))
+    assert "home: 13 pellets" in capsys.readouterr().err
+    warn_of_short_time({"home": "house"}, make_config("robot"))
+    assert capsys.readouterr() == ("", "")

@@ -108,7 +108,7 @@ def test_narrow_map_has_no_home(rows: tuple[str, ...]) -> None:
         (picture("#####", "#.??#", "#####", free_thresh=0.25), "unknown loads as free"),
         (picture("#####", "#...#", "#####", mode="raw"), "free to the game, but not to Nav2"),
         (picture("#####", "#...#", "#####", free_thresh=0.65), "free_thresh 0.65 is not below"),
-        (picture("#####", "#...#", "#####", yaw=0.5), "turned by 0.5 rad"),
+        (picture("#####", "#...#", "#####", yaw=0.5), "pacman-env map turn MAP.yaml"),
         (picture("#####", "#....", "#####"), "touches the image border"),
         (picture("#####", "#...#", "#####"), "no pellets"),
     ],

@@ -275,7 +275,7 @@ def test_hash_covers_only_what_matters() -> None:
 @given(
     hnp.arrays(np.uint8, hnp.array_shapes(min_dims=2, max_dims=2, max_side=6)),
     st.none() | st.integers(0, 99),
-    st.tuples(st.floats(1e-5, 10), st.tuples(*[st.floats(-1e6, 1e6)] * 3)),
+    st.tuples(st.floats(1e-5, 10), st.tuples(*[st.floats(-9e3, 9e3)] * 2, st.floats(-1e6, 1e6))),
     st.fixed_dictionaries(
         {
             "occupied_thresh": st.floats(0, 1),
@@ -327,3 +327,27 @@ def test_interrupted_save_keeps_the_old_map(tmp_path: Path, monkeypatch: pytest.
         new.save(tmp_path / "a.yaml")
     assert sorted(os.listdir(tmp_path)) == ["a.pgm", "a.yaml"]
     assert load_map(tmp_path / "a.yaml").hash == old.hash
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_far_map_is_refused_with_valid_origin(yaw: float) -> None:
+    free = np.full((40, 60), 254, np.uint8)
+    with pytest.raises(MapError, match=r"'origin'.* 10 km .*\[-321\.5, 345\.25, ") as caught:
+        OccupancyMap.from_pixels("utm", free, 0.05, (345678.5, 5512345.25, yaw))
+    x, y, heading = map(float, str(caught.value).partition("set it to [")[2].partition("]")[0].split(","))
+    assert OccupancyMap.from_pixels("near", free, 0.05, (x, y, heading)).origin == (-321.5, 345.25, yaw)
+
+
+@pytest.mark.parametrize("x", [-10_000.0, 9_997.0])
+def test_map_within_ten_kilometres_keeps_its_origin(x: float) -> None:
+    free = np.full((40, 60), 254, np.uint8)
+    assert OccupancyMap.from_pixels("m", free, 0.05, (x, 0.1, 0.0)).origin == (x, 0.1, 0.0)
+    with pytest.raises(MapError, match="origin"):  # a corner lies beyond
+        OccupancyMap.from_pixels("m", free, 0.05, (math.copysign(9_997.1, x) - 3 * (x < 0), 0.1, 0.0))
+
+
+def test_map_of_undecodable_folder_has_displayable_name(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"K\xfcche")
+    folder.mkdir()
+    write_map(folder, [[254]]).rename(folder / "map.YAML")
+    assert load_map(folder).name == load_map(folder / "map.YAML").name == "K\ufffdche"
