@@ -25,13 +25,14 @@ def turned(map: OccupancyMap, name: str) -> OccupancyMap:
     if max(sizes) > MAX_PIXELS_PER_SIDE:
         raise MapError(f"{map.name}: {sizes} pixels if turned, must be within {MAX_PIXELS_PER_SIDE} per side")
     (left, _), (bottom, _) = map.extent
-    unknown = map.grey[map.occupancy == -1][:1].tolist() or [0]  # 0: saved as transparent
+    darkest = int(map.grey[map.occupancy == -1].min(initial=255))
+    unknown = darkest if darkest < 250 else 0  # 0 is saved as transparent; in mode raw, bright cells may be unknown
     blank, origin = np.zeros(sizes[::-1], np.uint8), (left, bottom, 0.0)
     result = dataclasses.replace(map, name=name, grey=blank, occupancy=blank.view(np.int8), origin=origin)
     corners = np.array(map.world_to_cell(*result.cell_to_world([0, 1, 0], [0, 0, 1])))  # (2, 3) in cells of ``map``
     affine = np.column_stack((corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], corners[:, 0]))
     grey, occupancy = (
         cv2.warpAffine(plane, affine, sizes, flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP, borderValue=outside)
-        for plane, outside in ((map.grey, unknown[0]), (map.occupancy.view(np.uint8), 255))
+        for plane, outside in ((map.grey, unknown), (map.occupancy.view(np.uint8), 255))
     )
     return dataclasses.replace(result, grey=grey, occupancy=occupancy.view(np.int8))
