@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+from pacman_env.files import write_text
+
 _CARD = """\
 ---
 license: mit
@@ -99,4 +101,4 @@ def write_card(folder: Path, facts: dict[str, Any]) -> None:
     if facts["bags"]:
         player, origin = "played by a robot and written as if played", _OF_A_ROBOT.format(**facts)
     text = _CARD.format(**facts, files=files, reading=reading, player=player, origin=origin)
-    (folder / "README.md").write_text(text)
+    write_text(folder / "README.md", text)
