@@ -81,11 +81,12 @@ def test_block_is_filled_inline_and_as_a_table() -> None:
             "commit": "0123abcdef",
             "date": "2026-01-02",
             "machine": "2 x Test",
+            "later": {"random": "1.3.0"},
         }
     }
     page = "ppo: <!-- figure: house/share ppo 0.25 -->old<!-- end --> (<!-- figure: house/stamp --><!-- end -->)"
     assert filled(page, records).count("90.0 % [80.0, 95.0]") == 1
-    assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test<!-- end -->)" in filled(page, records)
+    assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test; `random`: 1.3.0<!-- end -->)" in filled(page, records)
     table = filled("<!-- figure: house/by-map -->\n\nold\n\n<!-- end -->", records)
     assert table.startswith("<!-- figure: house/by-map -->\n\n| map |")
     assert filled(table, records) == table
