@@ -1,7 +1,7 @@
 """Base class of all environments: games, spec, action masks and pictures, whatever the interface."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -97,13 +97,13 @@ class BaseEnv:
     def _masks(self) -> NDArray[np.bool_]:
         return self._runner.masks()
 
-    def _pictures(self, cores: Sequence[GameRunner]) -> tuple[NDArray[np.uint8], ...] | None:
+    def _pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture per game, or None without a render mode."""
         if self.render_mode is None:
             return None
         from ..render.frames import render_frame
 
-        return tuple(render_frame(runner.batch, i) for runner in cores for i in range(runner.batch.n))
+        return tuple(render_frame(self.batch, i) for i in range(self.batch.n))
 
 
 def as_json(value: Any) -> Any:

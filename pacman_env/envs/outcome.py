@@ -11,6 +11,7 @@ from ..sim.core import kernels
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
 Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
+Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]  # observations, Ends and infos
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:

@@ -16,10 +16,9 @@ from ..sim.observation.robot_features import FAST_MPS
 from ..sim.observation.situation import candidates_of
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .base_env import BaseEnv
-from .outcome import Ends
+from .outcome import Ends, Step
 from .resets import ManyGames, Options, Seeds
 from .spaces import state_limits
-from .sub_batches import Step
 
 PACMAN = "pacman"
 Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
@@ -123,7 +122,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     (N,) then contains the last observations by agent (None for other games), and ``final_info`` the last infos.
     ``final_state`` (N, S) contains the last states (0 for other games). Each has a mask ``_final_...``. ``DISABLED``: a
     game that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it
-    again. ``num_threads`` threads play the games (0: one per runner); the results do not depend on it.
+    again. ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012
@@ -208,7 +207,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
         self._runner.require_reset()
-        return self._pictures([self._runner])
+        return self._pictures()
 
     def close(self) -> None:
         """Do nothing; there is nothing to close."""

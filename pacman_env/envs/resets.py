@@ -5,7 +5,7 @@ from __future__ import annotations
 import numbers
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import gymnasium as gym
@@ -16,7 +16,6 @@ from ..config import ConfigError
 from ..policies.base import Flags, Indices
 from ..sim.maps.level_source import GeneratedMaps, LevelSource
 from .base_env import BaseEnv
-from .game_runner import GameRunner
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
@@ -49,11 +48,6 @@ class ResetOptions:
         level, seed = (_numbers(options.get(name), name, games) for name in ("level", "round_seed"))
         return cls(None if level is None else level.astype(np.int64), seed, dict(settings))
 
-    def of_games(self, index: Indices) -> ResetOptions:
-        """Return the options of the games ``index`` (M,)."""
-        level = None if self.level is None else self.level[index]
-        return replace(self, level=level, round_seed=None if self.round_seed is None else self.round_seed[index])
-
     def seeds(self, index: Indices, generators: Sequence[np.random.Generator | None]) -> NDArray[np.uint64]:
         """Return the round seeds (M,) of the games ``index``: the requested ones, or one draw from each generator."""
         if self.round_seed is not None:
@@ -75,17 +69,6 @@ class ResetOptions:
         return levels
 
 
-@dataclass(frozen=True)
-class CheckedReset:
-    """A checked reset, which cannot fail any more."""
-
-    runner: GameRunner
-    index: Indices  # games to reset, (M,)
-    levels: Indices | None
-    generators: Mapping[int, np.random.Generator]  # new generators by game
-    request: ResetOptions
-
-
 class ManyGames(BaseEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
@@ -98,10 +81,6 @@ class ManyGames(BaseEnv):
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
         """Start new episodes in the games of the mask (None: all) and return their indices; check everything first."""
         request = ResetOptions.of(options, self.num_envs, *more)
-        return self._begin(self._prepare(seed, request, mask, mask_name))
-
-    def _prepare(self, seed: Any, request: ResetOptions, mask: Any = None, mask_name: str = "") -> CheckedReset:
-        """Check a reset and return it without changing anything."""
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
         if not self.started and not every:
@@ -112,16 +91,12 @@ class ManyGames(BaseEnv):
         levels = request.levels(runner.batch.source, index)
         seeds = one_for_each(seed, self.num_envs)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
-        return CheckedReset(
-            runner, index, levels, {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}, request
-        )
-
-    def _begin(self, reset: CheckedReset) -> Indices:
-        self._runner = reset.runner
-        for i, generator in reset.generators.items():
+        generators = {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}
+        self._runner = runner
+        for i, generator in generators.items():
             self._generators[i], self._next[i] = generator, None
-        self._runner.reset(reset.index, self._episode_seeds(reset.index, reset.request), reset.levels)
-        return reset.index
+        runner.reset(index, self._episode_seeds(index, request), levels)
+        return index
 
     def _follow(self, ended: Indices) -> None:
         """Start the next episodes in the games ``ended``, whose last observations may be overwritten."""

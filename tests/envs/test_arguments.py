@@ -88,8 +88,6 @@ def test_unplayable_argument_names_the_field(chosen: dict[str, Any], message: st
         (PacManBotVectorEnv, {"num_envs": 0}, "num_envs = 0"),
         (PacManBotVectorEnv, {"max_episode_steps": 0}, "max_episode_steps = 0: must be a whole number of at least 1"),
         (PacManBotVectorEnv, {"max_episode_steps": True}, "max_episode_steps = True"),
-        (PacManBotVectorEnv, {"batch_size": 3}, "batch_size = 3: must be a whole number that divides num_envs = 4"),
-        (PacManBotVectorEnv, {"batch_size": 0}, "batch_size = 0: must be"),
         (parallel_vec_env, {"render_mode": "human"}, "render_mode = 'human'"),
         (parallel_vec_env, {"num_envs": 0}, "num_envs = 0: must be a whole number of at least 1"),
         (parallel_vec_env, {"num_threads": -1}, "num_threads = -1"),
@@ -105,7 +103,7 @@ def test_unplayable_argument_of_one_interface_is_named(build: Any, chosen: dict[
 
 def test_environments_take_shared_arguments_and_their_own() -> None:
     shared = {"map", "ghosts", "observation", "action", "preset", "settings", "render_mode", "flat", "defaults"}
-    vector = {"num_envs", "num_threads", "autoreset_mode", "batch_size", "copy", "max_episode_steps"}
+    vector = {"num_envs", "num_threads", "autoreset_mode", "copy", "max_episode_steps"}
     for build, more in ((PacManBotEnv, set()), (PacManBotVectorEnv, vector), (parallel_env, set()), (env, set())):
         assert set(inspect.signature(build).parameters) == shared | more
     assert set(inspect.signature(parallel_vec_env).parameters) <= shared | vector

@@ -187,3 +187,17 @@ def test_episode_statistics_are_correct_without_autoreset() -> None:
             episodes += int(over.sum())
             env.reset(options={"reset_mask": over})
     assert env.episode_count == episodes >= 4
+
+
+def test_views_are_overwritten_two_steps_later() -> None:
+    copies, views = (make_vector(4, map="house", copy=one) for one in (True, False))
+    copies.reset(seed=0)
+    observations: list[Any] = [views.reset(seed=0)[0]]
+    for k in range(8):
+        expected, *_ = copies.step(np.full(4, k % 4))
+        seen, *_ = views.step(np.full(4, k % 4))
+        assert same(seen, expected)
+        observations.append(dict(seen))
+    for before, after in zip(observations[2:], observations[4:], strict=False):
+        assert np.shares_memory(before["candidates"], after["candidates"])
+    assert not np.shares_memory(observations[-1]["candidates"], observations[-2]["candidates"])

@@ -21,7 +21,7 @@ from pacman_env.sim.maps.assets import map_assets
 from tests.envs.helpers import same
 
 VECTOR, VECTORS = partial(PacManBotVectorEnv, 4), partial(pacman_env.parallel_vec_env, 4)
-MANY = (VECTOR, partial(VECTOR, batch_size=2), VECTORS)
+MANY = (VECTOR, VECTORS)
 INTERFACES = (PacManBotEnv, pacman_env.parallel_env, *MANY)
 FAST: dict[str, Any] = {"settings": {"clyde.speed_mps": 0.4}}
 SOME = np.array([True, False, False, False])
