@@ -13,7 +13,9 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from .envs.arguments import check_render_mode
+from .envs.guard import Guarded, exclusive
 from .envs.pacmanbot_vector import PacManBotVectorEnv
+from .envs.resets import Seed, checked_seed
 from .sim.observation.robot_features import Observation
 
 __all__ = ["PacManBotVecEnv"]
@@ -23,7 +25,7 @@ _METHODS = ("action_masks", "render")  # methods that a single environment has t
 _SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 
 
-class PacManBotVecEnv(VecEnv):
+class PacManBotVecEnv(Guarded, VecEnv):
     """Many games at once for Stable-Baselines3 and sb3-contrib.
 
     ```python
@@ -62,6 +64,11 @@ class PacManBotVecEnv(VecEnv):
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
         self._actions: Any = None
 
+    def seed(self, seed: Seed = None) -> Sequence[int | None]:
+        """Set the seeds of the next reset, ``seed + i`` for game i; raises ValueError for an invalid seed."""
+        return super().seed(checked_seed(seed))
+
+    @exclusive
     def reset(self) -> Observation:
         """Start new rounds in all games with the seeds and options of ``seed`` and ``set_options``.
 
@@ -82,12 +89,21 @@ class PacManBotVecEnv(VecEnv):
         """Store the actions for ``step_wait``."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+    @exclusive
+    def step_wait(self) -> Any:
         """Play one decision in every game; after the end of a round, return the first observation of the next one.
 
         Rewards and dones are (N,). Raises ValueError for invalid actions, and ResetNeeded before the first reset.
         """
-        observations, rewards, terminated, truncated, infos = self.env.step(self._actions)
+        return self._play(self._actions)
+
+    @exclusive
+    def step(self, actions: NDArray[Any]) -> Any:
+        """Play one decision, like ``step_async`` and ``step_wait``, which another thread's call could separate."""
+        return self._play(actions)
+
+    def _play(self, actions: Any) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        observations, rewards, terminated, truncated, infos = self.env.step(actions)
         dones = terminated | truncated
         self._returns += rewards
         self._lengths += 1
@@ -114,6 +130,7 @@ class PacManBotVecEnv(VecEnv):
         self._returns[ended] = 0.0
         self._lengths[ended] = 0
 
+    @exclusive
     def close(self) -> None:
         """Close the vector environment."""
         self.env.close()

@@ -12,11 +12,12 @@ from ..sim.core.batch import GameBatch
 from ..sim.observation.situation import Situation
 from .arguments import EnvArguments, check_render_mode
 from .game_runner import GameRunner
+from .guard import Guarded, shared
 
 _FIXED = ("observation_space", "action_space", "ghost_agents")  # settings of a reset must not change these
 
 
-class BaseEnv:
+class BaseEnv(Guarded):
     """Base class of the environments over an :class:`GameRunner`, for any interface."""
 
     metadata: dict[str, Any]
@@ -67,7 +68,11 @@ class BaseEnv:
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
         return runner
 
+    def _give_up_games(self) -> None:
+        self._runner.begun = False
+
     @property
+    @shared
     def situation(self) -> Situation:
         """Return the situation of each game, as policies of this package read it; raises ResetNeeded before a reset."""
         return self._runner.situation
@@ -83,6 +88,7 @@ class BaseEnv:
             raise AttributeError("velocity actions have no masks")
         return self._masks
 
+    @shared
     def action_of(self, candidates: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return the actions (N,) for the candidates (N,) that a policy of this package chose.
 
@@ -94,6 +100,7 @@ class BaseEnv:
         self._runner.require_reset()
         return self._runner.observer.actions_of(np.asarray(candidates))[0]
 
+    @shared
     def _masks(self) -> NDArray[np.bool_]:
         return self._runner.masks()
 

@@ -11,7 +11,8 @@ from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .base_env import BaseEnv
-from .resets import Options, ResetOptions
+from .guard import exclusive, exclusive_step, shared
+from .resets import Options, ResetOptions, Seed, checked_seed
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -173,6 +174,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
     action_space: spaces.Discrete | spaces.Box
     observation_space: spaces.Dict | spaces.Box
+    render, close = shared(Display.render), exclusive(Display.close)
 
     @takes_env_arguments
     def __init__(self, *, arguments: EnvArguments) -> None:
@@ -181,12 +183,14 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         self.observation_space = self._runner.observation_space
         self.action_space = self._runner.action_space
 
-    def reset(self, *, seed: int | None = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
+    @exclusive
+    def reset(self, *, seed: Seed = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
         """Start a new episode; ``seed`` seeds the generator of episode seeds (None: it continues).
 
-        The class describes ``options``. Raises, without any change, ValueError for unknown or unplayable options and
-        Gymnasium's Error for a bad seed.
+        The seed is a whole number of at least 0 of any type, such as ``np.int64``. The class describes ``options``.
+        Raises ValueError, without any change, for another seed and for unknown or unplayable options.
         """
+        seed = checked_seed(seed)
         request = ResetOptions.of(options, 1)
         runner = self._runner_with(request.settings)
         levels = request.levels(runner.batch.source, _ONE)
@@ -197,6 +201,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
             self.render()
         return self._result()
 
+    @exclusive_step
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at the given velocities, until the next decision.
 
@@ -210,6 +215,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         observation, info = self._result()
         return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
+    @shared
     def _masks(self) -> NDArray[np.bool_]:
         return self._runner.masks()[0]
 

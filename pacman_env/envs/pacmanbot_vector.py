@@ -13,6 +13,7 @@ from ..render.window import RENDER_FPS
 from ..sim.core.batch import check_velocities
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
+from .guard import exclusive, shared
 from .outcome import Step
 from .resets import ManyGames, Options, Seeds
 
@@ -74,6 +75,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._make_generators()
 
+    @exclusive
     def reset(self, *, seed: Seeds = None, options: Options = None) -> tuple[Observation, dict[str, Any]]:
         """Start new rounds in all games, or in the games of ``options["reset_mask"]``, bool (N,).
 
@@ -88,6 +90,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         index = self._reset_games(seed, options, mask, "options['reset_mask']", "reset_mask")
         return self._runner.observe(), self._infos(index)
 
+    @exclusive
     def step(self, actions: NDArray[Any]) -> Step:
         """Play one decision in every game, actions (N,) or (N, 2); return observations, rewards, ends and infos.
 
@@ -110,6 +113,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         infos = {**final, **self._infos()} if self.reports_all else final
         return runner.observe(), reward, terminated, truncated, infos
 
+    close = exclusive(VectorEnv.close)
+
+    @shared
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
         return self._pictures()

@@ -16,6 +16,7 @@ from ..sim.observation.robot_features import FAST_MPS
 from ..sim.observation.situation import candidates_of
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .base_env import BaseEnv
+from .guard import exclusive, shared
 from .outcome import Ends, Step
 from .resets import ManyGames, Options, Seeds
 from .spaces import state_limits
@@ -87,7 +88,7 @@ class SeveralAgents(BaseEnv):
 
     def _states(self) -> NDArray[np.float64]:
         """Return the true state of the games, (N, S); ``state_names`` names the numbers."""
-        situation, batch = self.situation, self.batch
+        situation, batch = self._runner.situation, self.batch
         believed = situation.robot
         g, ghosts = batch.games, batch.ghosts
         turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
@@ -154,6 +155,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         """Return the number of agents, A."""
         return len(self.possible_agents)
 
+    @exclusive
     def reset(
         self, seed: Seeds = None, options: Options = None, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Observations, dict[str, Any]]:
@@ -166,6 +168,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         self._reset_games(seed, options, mask, "mask")
         return self._observe(), self._infos()
 
+    @exclusive
     def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
         """Play one decision of every agent in every game.
 
@@ -183,6 +186,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
             observations = self._observe()
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
+    @shared
     def action_masks(self) -> Any:
         """Return the masks of allowed actions: bool (N, A, C), or with velocities (N, C) by ghost name.
 
@@ -193,6 +197,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
             return {name: mask.copy() for name, mask in self._ghost_masks.items()}
         return np.stack([self._runner.masks(), *self._ghost_masks.values()], axis=1)
 
+    @shared
     def state(self) -> NDArray[np.float64]:
         """Return the true states (N, S), named by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
@@ -204,11 +209,13 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         """
         return _stack(self._by_agent(observations, "observation"), "")
 
+    @shared
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) per game, or None without a render mode."""
         self._runner.require_reset()
         return self._pictures()
 
+    @exclusive
     def close(self) -> None:
         """Do nothing; there is nothing to close."""
 

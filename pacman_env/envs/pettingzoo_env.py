@@ -13,9 +13,10 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.kinds import MASK
 from .arguments import EnvArguments, takes_env_arguments
+from .guard import Guarded, exclusive, exclusive_step, shared
 from .parallel_vec_env import PACMAN as PACMAN
 from .parallel_vec_env import Observations, SeveralAgents
-from .resets import Options, ResetOptions
+from .resets import Options, ResetOptions, Seed, checked_seed
 from .spaces import checked_action
 
 _ONE = np.zeros(1, dtype=np.int64)
@@ -52,6 +53,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         "render_fps": RENDER_FPS,
         "is_parallelizable": True,
     }
+    render, close = shared(Display.render), exclusive(Display.close)
 
     @takes_env_arguments
     def __init__(self, *, arguments: EnvArguments) -> None:
@@ -60,13 +62,14 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         self.agents: list[str] = []
         self._generator: np.random.Generator | None = None
 
-    def reset(self, seed: int | None = None, options: Options = None) -> tuple[Observations, Infos]:
+    @exclusive
+    def reset(self, seed: Seed = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; ``seed`` and ``options`` are as in the Gymnasium environment."""
         request = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
         runner = self._runner_with(request.settings)
         levels = request.levels(runner.batch.source, _ONE)
-        if seed is not None:
-            self._generator, _ = seeding.np_random(seed)
+        if (number := checked_seed(seed)) is not None:
+            self._generator, _ = seeding.np_random(number)
         self._runner = runner
         self._runner.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
         self.agents = list(self.possible_agents)
@@ -74,6 +77,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
             self.render()
         return self._result()
 
+    @exclusive
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
@@ -111,6 +115,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         """Convert one agent's action for the game; raises ValueError outside the space (velocities are clipped)."""
         return checked_action(self.action_spaces[agent], action, f" of {agent}")
 
+    @shared
     def state(self) -> NDArray[np.float64]:
         """Return the true state (S,), named by ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
@@ -124,9 +129,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return {agent: self._runner.of_game(observation, 0) for agent, observation in observations.items()}, infos
 
 
-class _InTurn(parallel_to_aec_wrapper):
+class _InTurn(Guarded, parallel_to_aec_wrapper):
     """Wrapper like PettingZoo's that refuses a wrong action immediately, not after the action of the last agent."""
 
+    reset, close = exclusive(parallel_to_aec_wrapper.reset), exclusive(parallel_to_aec_wrapper.close)
+
+    @exclusive_step
     def step(self, action: Any) -> None:
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):

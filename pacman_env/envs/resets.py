@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import numbers
+import operator
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, SupportsIndex
 
 import gymnasium as gym
 import numpy as np
@@ -19,7 +19,8 @@ from .base_env import BaseEnv
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this
 _MOST = {"level": SEEDS - 1, "round_seed": 2**64 - 1}
-Seeds = int | Sequence[int | None] | None  # seeds of many games
+Seed = SupportsIndex | None
+Seeds = SupportsIndex | Sequence[Seed] | None  # seeds of many games
 Options = dict[str, Any] | None
 
 
@@ -129,15 +130,19 @@ class ManyGames(BaseEnv):
         return seeds
 
 
-def one_for_each(seed: Any, games: int) -> Sequence[int | None]:
+def checked_seed(seed: Any) -> int | None:
+    """Return a seed of any integer type as an int, or None; raises ValueError for other values, True and False too."""
+    return None if seed is None else _whole_number(seed, "seed")
+
+
+def one_for_each(seed: Any, games: int) -> list[int | None]:
     """Return a seed for each game: s + i for one seed s, and None for None; raises ValueError for invalid seeds."""
-    if seed is None or isinstance(seed, (int, np.integer)):
-        return [None if seed is None else int(seed) + i for i in range(games)]
-    if not isinstance(seed, (Sequence, np.ndarray)) or isinstance(seed, str):
-        raise ValueError(f"seed = {seed!r}: must be a whole number, one for each game, or None")
+    if not _is_list(seed):
+        first = checked_seed(seed)
+        return [None if first is None else first + i for i in range(games)]
     if len(seed) != games:
         raise ValueError(f"{len(seed)} seeds for {games} games")
-    return seed  # type: ignore[return-value]
+    return [checked_seed(one) for one in seed]
 
 
 def _chosen_games(mask: Any, games: int, name: str) -> Indices:
@@ -151,12 +156,24 @@ def _chosen_games(mask: Any, games: int, name: str) -> Indices:
 def _numbers(given: Any, name: str, games: int) -> NDArray[np.uint64] | None:
     if given is None:
         return None
-    row = isinstance(given, np.ndarray) and given.ndim == 1
-    several = row or (isinstance(given, Sequence) and not isinstance(given, (str, bytes)))
-    each = list(given) if several else [given] * games
+    each = list(given) if _is_list(given) else [given] * games
     if len(each) != games:
         raise ValueError(f"options[{name!r}]: {len(each)} numbers for {games} games")
-    for one in each:
-        if not isinstance(one, numbers.Integral) or isinstance(one, bool) or not 0 <= int(one) <= _MOST[name]:
-            raise ValueError(f"options[{name!r}] = {one!r}: must be a whole number from 0 to {_MOST[name]}")
-    return np.array([int(one) for one in each], dtype=np.uint64)
+    return np.array([_whole_number(one, f"options[{name!r}]", _MOST[name]) for one in each], dtype=np.uint64)
+
+
+def _is_list(given: Any) -> bool:
+    if isinstance(given, np.ndarray):
+        return given.ndim == 1
+    return isinstance(given, Sequence) and not isinstance(given, (str, bytes))
+
+
+def _whole_number(given: Any, name: str, most: int | None = None) -> int:
+    try:
+        number = -1 if isinstance(given, bool) else operator.index(given)
+    except TypeError:
+        number = -1
+    if number < 0 or (most is not None and number > most):
+        limits = "of at least 0" if most is None else f"from 0 to {most}"
+        raise ValueError(f"{name} = {given!r}: must be a whole number {limits}")
+    return number

@@ -93,7 +93,7 @@ def test_vector_of_id_plays_game_of_id(env_id: str) -> None:
 
 def test_reset_takes_one_seed_per_game() -> None:
     env, one = make_vector(3), make()
-    observations, infos = env.reset(seed=[9, 4, 9])
+    observations, infos = env.reset(seed=[9, np.int64(4), np.uint8(9)])
     assert infos["round_seed"][0] == infos["round_seed"][2] != infos["round_seed"][1]
     assert infos["round_seed"][1] == one.reset(seed=4)[1]["round_seed"]
     assert all(same(array[0], array[2]) for array in observations.values())

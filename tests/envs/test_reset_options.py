@@ -18,6 +18,7 @@ from pacman_env.envs.resets import ResetOptions
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
+from tests.envs.adapters import Parallel, ParallelVec, Sb3, Single, Turns, Vector
 from tests.envs.helpers import same
 
 VECTOR, VECTORS = partial(PacManBotVectorEnv, 4), partial(pacman_env.parallel_vec_env, 4)
@@ -43,10 +44,12 @@ WRONG: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
             ({"settings": {"max_pellets": 40}}, r"options\['settings'\]: max_pellets would change the spaces"),
         )
     ),
-    (INTERFACES, {"seed": -1, "options": FAST}, "-1"),
-    (INTERFACES, {"seed": 1.5, "options": FAST}, "integer|seed = 1.5: must be a whole number"),
+    *(
+        (INTERFACES, {"seed": seed, "options": FAST}, r"^seed = .*: must be a whole number of at least 0$")
+        for seed in (-1, 1.5, np.float64(3.0), True, np.bool_(True), "3")
+    ),
     (MANY, {"seed": [1, 2]}, "2 seeds for 4 games"),
-    (MANY, {"seed": [1, 2, 3, -3], "options": FAST}, "Seed must be"),
+    (MANY, {"seed": [1, 2, 3, -3], "options": FAST}, "^seed = -3: must be a whole number"),
     (MANY, {"options": {"level": [1, 2]}}, r"options\['level'\]: 2 numbers for 4 games"),
     ((INTERFACES[1], VECTORS), {"options": {"settings": {"clyde.ghosts": ("wander",)}}}, "clyde.ghosts would change"),
     ((VECTOR,), {"options": {"reset_mask": SOME, **FAST}}, "settings.* are for all games, which are not all reset"),
@@ -112,6 +115,18 @@ def test_wrong_reset_is_refused_and_changes_nothing(makes: Any, arguments: dict[
         assert env.config == untouched.config
         assert same(env.batch.situation().arrays(), untouched.batch.situation().arrays())
         assert same(env.reset(), untouched.reset())
+
+
+@pytest.mark.parametrize("adapter", [Single, Vector, Sb3, Parallel, Turns, ParallelVec])
+def test_seed_of_any_integer_type_gives_same_episode(adapter: Any) -> None:
+    one = adapter(map="loop")
+    one.reset(seed=250)
+    expected = one.core.batch.games["seed"].copy()
+    for seed in (np.int64(250), np.uint8(250)):
+        one.reset(seed=seed)
+        np.testing.assert_array_equal(one.core.batch.games["seed"], expected)
+    with pytest.raises(ValueError, match=r"seed = .*250.*: must be a whole number"):
+        one.reset(seed=np.float32(250.0))
 
 
 @pytest.mark.parametrize(
