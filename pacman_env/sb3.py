@@ -38,6 +38,8 @@ class PacManBotVecEnv(Guarded, VecEnv):
     and ``episode``: ``r`` (sum of rewards), ``l`` (decisions), ``t`` (s since this object was created); set ``monitor``
     to False to use SB3's ``VecMonitor`` instead. Attributes are shared by all games and can only be set for all.
 
+    Use one environment per thread; calls from another thread wait or are refused as in ``PacManBotVectorEnv``.
+
     With ``observation.infos="ends"``, which saves time, ``infos[i]`` is empty except at the end of an episode, and
     ``terminal_observation`` is missing.
     """

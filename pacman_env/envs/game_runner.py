@@ -101,7 +101,7 @@ class GameRunner:
         """Raise ResetNeeded before the first reset, or with ``running`` if every episode is over."""
         if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
-        if running and self.batch.games["end"][0] != RUNNING and (self.batch.games["end"] != RUNNING).all():
+        if running and self.batch.summary[0, 0] != RUNNING and (self.batch.summary[0] != RUNNING).all():
             raise gym.error.ResetNeeded("the episode is over: call reset()")
 
     @property

@@ -30,5 +30,8 @@ def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
 def info(summary: Indices, numeric: bool = False) -> dict[str, Any]:
     """Return the infos of the first game as Python numbers."""
     result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
-    result["round_seed"] %= 2**64
-    return result if numeric else {**result, "outcome": OUTCOMES[result["outcome"]]}
+    if result["round_seed"] < 0:  # the summary stores the bits of a uint64
+        result["round_seed"] += 2**64
+    if not numeric:
+        result["outcome"] = OUTCOMES[result["outcome"]]
+    return result

@@ -164,6 +164,10 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     spaces unchanged: `{"clyde.speed_mps": 0.4}`). Other keys raise an error. A copy by `copy.deepcopy` or `pickle`
     replays the round from its seed and decisions, and continues exactly like the original.
 
+    ## Threads
+    Use one environment per thread. While a thread is in `reset`, `step` or `close`, or copies the environment, the same
+    calls in another thread raise RuntimeError; `render` and `action_masks` wait. `batch` is not protected.
+
     ## Version History
     - v1 (0.20.0): with the preset `robot`, the robot starts, turns and changes its goal as slowly as with Nav2.
       `preset="robot_0_15"` is the robot of v0. The planner features have 289 numbers instead of 274. They are part of

@@ -32,6 +32,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     ``DISABLED`` pass ``options={"reset_mask": mask}`` to ``reset``. Episodes are truncated after ``max_episode_steps``
     decisions. ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
 
+    Use one environment per thread; calls from another thread wait or are refused as in the single environment.
+
     With ``copy=False`` the step after the next one overwrites the arrays of an observation; copy them to keep them.
 
     The setting ``observation.infos`` ``"ends"`` (``SAME_STEP`` only) saves time: infos contain only the ``final_info``

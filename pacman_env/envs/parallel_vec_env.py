@@ -124,6 +124,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
     ``final_state`` (N, S) contains the last states (0 for other games). Each has a mask ``_final_...``. ``DISABLED``: a
     game that is over stands still, without reward and with its flags unchanged, until ``reset(mask=...)`` starts it
     again. ``num_threads`` threads play the games (0: one per core); the results do not depend on it.
+    Use one environment per thread; calls from another thread wait or are refused as in the Gymnasium environment.
     """
 
     metadata: dict[str, Any] = {"name": "pacmanbot_v0", "render_modes": ["rgb_array"], "render_fps": RENDER_FPS}  # noqa: RUF012

@@ -44,6 +44,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     - Arguments: as in the Gymnasium environment; `ghosts` is `("policy",)` by default. The setting `max_cycles`
       truncates episodes after that many decisions. With `flat=True` the mask is next to the flat observation.
 
+    - Threads: use one environment per thread. Calls from another thread wait or are refused as in the Gymnasium
+      environment.
+
     `docs/environments/pettingzoo.md` describes all of this in detail, PettingZoo's registry included.
     """
 

@@ -72,7 +72,7 @@ def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float
 def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
     """Return one game's action as int64 or two unlimited float64 (v, omega); raises ValueError outside the space."""
     whole = type(action) is int or isinstance(action, np.integer)
-    if whole and isinstance(space, spaces.Discrete) and space.start <= action < space.start + space.n:
+    if whole and isinstance(space, spaces.Discrete) and 0 <= action < space.n:
         return np.int64(action)
     if isinstance(space, spaces.Box):
         velocities = np.asarray(action)
