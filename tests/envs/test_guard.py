@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 
 from pacman_env.policies.base import BasePolicy
-from tests.envs.adapters import Parallel, ParallelVec, Sb3, Single, Turns, Vector
+from tests.envs.adapters import Parallel, ParallelVec, Sb3, Single, Turns, Vector, play
 from tests.envs.helpers import same
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -168,6 +168,24 @@ def test_second_exclusive_call_is_refused_and_reads_wait(kind: type[Single]) -> 
     assert same(seen, {k: read() for k, read in enumerate(all_reads)})
     for call in exclusive(adapter):
         call()
+
+
+@every_kind
+def test_environments_of_two_threads_play_as_alone(kind: type[Single]) -> None:
+    results: list[Any] = []
+
+    def play_rounds() -> None:
+        adapter = made(kind)
+        results.append([adapter.reset(seed=2), *play(adapter, 30, seed=1)])
+
+    threads = [threading.Thread(target=play_rounds) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    play_rounds()
+    assert same(results[0], results[2])
+    assert same(results[1], results[2])
 
 
 @every_kind
