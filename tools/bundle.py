@@ -2,7 +2,7 @@
 
 import re
 
-from pacman_env.web.routes import STATIC
+from tools.common import STATIC
 
 _IMPORT = re.compile(r'^import (?:(\{[^}]*\}|\* as \w+) from )?"\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|let|class|function) ([\w$]+))", re.MULTILINE)

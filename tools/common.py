@@ -11,6 +11,7 @@ from pacman_env.render.palette import Theme
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
+STATIC = ROOT / "pacman_env" / "web" / "static"
 SUFFIXES: dict[Theme, str] = {"light": "", "dark": "-dark"}  # of pictures' names: the site shows both
 
 

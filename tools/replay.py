@@ -13,12 +13,11 @@ from typing import Any
 import msgspec
 
 from pacman_env.web.played_round import PlayedRound, Recordings
-from pacman_env.web.routes import STATIC
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import scene_of
 from pacman_env.web.vocabulary import vocabulary
 from tools.bundle import bundle
-from tools.common import ROOT
+from tools.common import ROOT, STATIC
 
 SEED = 7  # clyde_aware is caught on its way to the last pellet, ppo collects all
 POLICIES = ("clyde_aware", "ppo")
