@@ -138,9 +138,13 @@ class Place:
                 assert isinstance(found, re.Match), log.read_text()
                 yield found[0]
             finally:
-                server.send_signal(signal.SIGINT)
-                server.wait(120)
-            assert server.returncode in (0, 130), log.read_text()
+                server.send_signal(signal.SIGINT if "pacman-env" in words else signal.SIGTERM)
+                try:
+                    server.wait(300)
+                except subprocess.TimeoutExpired:
+                    server.kill()
+                    raise
+            assert server.returncode in (0, 130, -signal.SIGTERM), log.read_text()
 
 
 def environment(extras: frozenset[str]) -> str:
