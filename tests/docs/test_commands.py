@@ -24,7 +24,7 @@ COMMANDS = list({(one.words, one.extras): one for page in PAGES[::-1] for one in
 RUN = sorted((one for one in COMMANDS if named.reason(one) is None), key=lambda one: sorted(one.extras))
 SUITE = "{test_levels: {levels: 2, rounds: 2}, real_maps: {rounds: 2}, ghosts: [[wander]], speeds_mps: [0.25]}"
 FILES = {
-    "mine.py": '"""A policy."""\n\nfrom pacman_env.heuristics.simple import NearestPolicy as Best\n\nBold = Best\n',
+    "mine.py": '"""A policy."""\n\nfrom pacman_env.heuristics.simple import Nearest as Best\n\nBold = Best\n',
     "tiny.yaml": "".join(f"{suite}: {SUITE}\n" for suite in ("full", "brief", "quick")),
 }
 PLANNERS = Path("pacman_env", "policies", "pretrained")
