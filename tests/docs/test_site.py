@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,13 @@ class Page(HTMLParser):
                 self.ids.add(value)
             elif name in ("href", "src") and value:
                 self.targets.append(value)
+
+
+def test_site_sources_need_no_other_extra() -> None:
+    others = "starlette", "uvicorn", "websockets", "segno", "matplotlib", "imageio", "pebble", "psutil", "tqdm", "torch"
+    code = f"import sys; sys.modules.update(dict.fromkeys({others})); import tools.site"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.fixture(scope="module")
