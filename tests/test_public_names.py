@@ -25,7 +25,7 @@ PUBLIC = {
 DOCUMENTED = {name: thing for name, thing in PUBLIC.items() if callable(thing)}  # constants have no docstring
 SHAPE = re.compile(r"\(\w+(, \w+)*,?\)")  # (N,), (N, C), (H, W, 3)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-GRADER = ("checks.py", "grade.py")  # of the exercises: a program, not an example
+GRADER = ("checks.py", "child.py", "grade.py", "student.py")  # of the exercises: a program, not an example
 SOURCES = {
     **{f"{page.name}-{k}": example for page in PAGES for k, example in enumerate(examples(page))},
     **{

@@ -3,27 +3,24 @@
 Rounds are played and compared by the code of ``pacman-env compare``. The bars are explained in README.md.
 """
 
-import contextlib
-import importlib.util
-import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
+from child import MAP, load
 from numpy.typing import NDArray
+from student import Missed, RemotePolicy, RemotePolicyWithState, Student, one
 
 from pacman_env import HOLD, OUTCOMES, PELLET, BasePolicy, PacManBotVectorEnv, Situation, make_config, make_policy
 from pacman_env.episodes.rollout import episode_seeds, open_games, play_in
 from pacman_env.episodes.statistics import paired_difference
 from pacman_env.evaluation.rounds.scenarios import open_scenario
-from pacman_env.policies.asking import choose, reset, scores
+from pacman_env.policies.asking import choose, scores
 
 EVALUATE = Path(__file__).resolve().parents[1] / "examples" / "clients" / "evaluate.py"
 CONFIG = make_config()
-MAP, ROUNDS, GAMES_AT_ONCE = "house", 200, 64
+ROUNDS, GAMES_AT_ONCE = 200, 64
 FIXED_SEEDS = episode_seeds(3, ROUNDS)  # of tasks 2 to 4
 SEEDS_TO_DRAW = episode_seeds(6, 1000)  # of task 6
 BARS = {2: 45.0, 3: 63.0, 4: 78.0, 5: 70.0}  # completed rounds, %; README.md has the measured references
@@ -54,25 +51,6 @@ class Snapshot(NamedTuple):
     def where(self, game: int) -> str:
         """Return which situation a game is in."""
         return f"map {MAP}, seed {self.seeds[game]}, after {self.decisions} decisions, game {game} of {len(self.seeds)}"
-
-
-class Missed(Exception):
-    """Raised if a task cannot be graded further."""
-
-
-@contextlib.contextmanager
-def loaded(path: Path) -> Iterator[ModuleType]:
-    """Import a file under a name of its own, which is forgotten after the block."""
-    name = f"exercise_file_{path.stem}"
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        del sys.modules[name]
 
 
 def snapshots() -> Iterator[Snapshot]:
@@ -107,22 +85,16 @@ def some_late() -> Iterator[Snapshot]:
         yield snapshot._replace(situation=s)
 
 
-def of_student(student: ModuleType, name: str) -> Any:
-    """Return a class or function of the student's file."""
-    if not callable(thing := getattr(student, name, None)):
-        raise Missed(f"expected a class or function {name!r} in the file, found none")
-    return thing
-
-
-def new_policy(student: ModuleType, name: str) -> BasePolicy:
+def new_policy(student: Student, name: str) -> BasePolicy:
     """Create the student's policy; raises Missed if it is none, or a built-in one."""
-    kind = of_student(student, name)
-    mro = kind.__mro__ if isinstance(kind, type) else ()
-    if [base for base in mro if base.__module__.startswith("pacman_env.")] != [BasePolicy]:
-        raise Missed(f"expected a class of your own, derived from BasePolicy alone, got {kind!r}")
-    policy: BasePolicy = kind()
-    reset(policy, np.ones(SNAPSHOT_GAMES, dtype=np.bool_), CONFIG)
-    return policy
+    facts, _ = student.ask("bases", name)
+    own = [base for base in facts["bases"] if base[0].startswith("pacman_env.")]
+    if own != [[BasePolicy.__module__, BasePolicy.__qualname__]]:
+        raise Missed(f"expected a class of your own, derived from BasePolicy alone, got {facts['text']}")
+    stateless = student.ask("create", name)[0]["stateless"]
+    games = np.ones(SNAPSHOT_GAMES, dtype=np.bool_)
+    student.ask("reset", arrays=[games])
+    return (RemotePolicy if stateless else RemotePolicyWithState)(student)
 
 
 def choices(points: int, rule: str, judge: Callable[[Situation], Chosen], seen: Iterator[Snapshot]) -> Item:
@@ -161,16 +133,15 @@ def gap(s: Situation) -> NDArray[np.float64]:
     return np.linalg.norm(s.clyde - s.robot[:, :2], axis=1)[:, None]
 
 
-def task_1(student: ModuleType) -> Iterator[Item]:
+def task_1(student: Student) -> Iterator[Item]:
     """Read a situation."""
-    read = of_student(student, "nearest_pellet")
     complaints = ["", ""]
     for snapshot in some_without_pellets():
-        s, given = snapshot.situation, snapshot.situation.copy()
-        got = read(given)
-        if not (isinstance(got, tuple) and [np.shape(part) for part in got] == [(len(s),)] * 2):
-            raise Missed(f"expected two arrays of shape ({len(s)},), got {got!r}")
-        if any(not np.array_equal(ours, theirs) for ours, theirs in zip(s.arrays(), given.arrays(), strict=True)):
+        s = snapshot.situation
+        facts, (after, *got) = student.ask_about("call", s, "nearest_pellet")
+        if [part.shape for part in got] != [(len(s),)] * 2:
+            raise Missed(f"expected two arrays of shape ({len(s)},), got {facts['text']}")
+        if not np.array_equal(s.block()[0], after):
             raise Missed("expected an unchanged situation, but nearest_pellet has written into its arrays")
         ways = np.where(s.mask & (s.kind == PELLET), s.path_robot, np.inf)
         distance, nearest = ways.min(axis=1), ways.argmin(axis=1)
@@ -184,7 +155,7 @@ def task_1(student: ModuleType) -> Iterator[Item]:
     yield Item(5, "whether Clyde is nearer to it", complaints[1])
 
 
-def task_2(student: ModuleType) -> Iterator[Item]:
+def task_2(student: Student) -> Iterator[Item]:
     """Nearest."""
     policy = new_policy(student, "Nearest")
 
@@ -198,7 +169,7 @@ def task_2(student: ModuleType) -> Iterator[Item]:
     yield fixed_rounds(4, policy, BARS[2])
 
 
-def task_3(student: ModuleType) -> Iterator[Item]:
+def task_3(student: Student) -> Iterator[Item]:
     """Avoid."""
     policy = new_policy(student, "Avoid")
 
@@ -214,7 +185,7 @@ def task_3(student: ModuleType) -> Iterator[Item]:
     yield fixed_rounds(5, policy, BARS[3])
 
 
-def task_4(student: ModuleType) -> Iterator[Item]:
+def task_4(student: Student) -> Iterator[Item]:
     """Look ahead."""
     policy = new_policy(student, "LookAhead")
 
@@ -228,18 +199,19 @@ def task_4(student: ModuleType) -> Iterator[Item]:
     yield fixed_rounds(6, policy, BARS[4])
 
 
-def task_5(student: ModuleType) -> Iterator[Item]:
+def task_5(student: Student) -> Iterator[Item]:
     """Train."""
-    began = time.process_time()
-    model = of_student(student, "train")()
-    used_s = time.process_time() - began
-    if not callable(getattr(model, "predict", None)):
-        raise Missed(f"train must return a model with predict(observation, action_masks, deterministic), got {model!r}")
+    began_s = student.processor_s
+    facts, _ = student.ask("train", "train")
+    used_s = student.processor_s - began_s
+    if not facts["predicts"]:
+        need = "a model with predict(observation, action_masks, deterministic)"
+        raise Missed(f"train must return {need}, got {facts['text']}")
     late = "" if used_s <= TRAIN_S else f"expected at most {TRAIN_S:.0f} s, got {used_s:.0f} s"
     yield Item(3, f"trains within {TRAIN_S:.0f} s of processor time", late)
 
     def act(observation: Any, masks: NDArray[np.bool_]) -> NDArray[np.int64]:
-        actions = np.asarray(model.predict(observation, action_masks=masks, deterministic=True)[0])
+        actions = one(student.ask("predict", arrays=[observation, masks]))
         if actions.shape != (len(masks),) or actions.dtype.kind not in "iu":
             raise Missed(f"expected {len(masks)} integers of predict, got {actions.dtype} of shape {actions.shape}")
         for game, action in enumerate(actions.tolist()):
@@ -247,12 +219,11 @@ def task_5(student: ModuleType) -> Iterator[Item]:
                 raise Missed(f"game {game}: expected an action that the mask allows, {may}, got {action}")
         return actions
 
-    with loaded(EVALUATE) as evaluate:
-        complete = evaluate.completed(act, MAP, TRAINED_ROUNDS, seed=0)
+    complete = load(EVALUATE).completed(act, MAP, TRAINED_ROUNDS, seed=0)
     yield completion(7, BARS[5], complete, range(TRAINED_ROUNDS))
 
 
-def task_6(student: ModuleType, draw: int = 0) -> Iterator[Item]:
+def task_6(student: Student, draw: int = 0) -> Iterator[Item]:
     """Beat the scorer."""
     policy = new_policy(student, "Best")
     seeds = np.random.default_rng(draw).choice(SEEDS_TO_DRAW, ROUNDS, replace=False)

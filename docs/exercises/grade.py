@@ -1,86 +1,62 @@
-"""Grade the exercises: ``python docs/exercises/grade.py [--task N] [--file tasks.py] [--draw N]``.
+"""Grade the exercises: ``python docs/exercises/grade.py [--task N] [--file tasks.py] [--draw N] [--limit S]``.
 
 Exit status: 0 if all points were reached, 1 if not, 2 for wrong usage. README.md has the tasks, checks.py what they
-require.
+require. The student's file runs in a child process for each task; everything else happens here.
 """
 
 import argparse
-import contextlib
 import functools
-import re
-import signal
+import io
+import math
+import resource
 import sys
 import time
-import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NoReturn
 
-from checks import TASKS, TOTAL, Missed, loaded, task_6
+from checks import TASKS, TOTAL, task_6
+from student import Missed, Student
 
 from pacman_env.policies.asking import PolicyError
 
 FOLDER = Path(__file__).resolve().parent
-MOST_S = 180.0  # processor time of a task
+LIMIT_S = 180.0  # of a task
+INDENT = " " * 10
 
 
-@contextlib.contextmanager
-def stopwatch() -> Iterator[None]:
-    """Stop a task that takes too long, where the system has such a timer (not on Windows)."""
-
-    def stop(*_: Any) -> NoReturn:
-        raise Missed(f"stopped after {MOST_S:g} s of processor time: make decisions of the policy faster")
-
-    if not hasattr(signal, "setitimer"):
-        yield
-        return
-    signal.signal(signal.SIGPROF, stop)
-    signal.setitimer(signal.ITIMER_PROF, MOST_S)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0.0)
-
-
-def explain(error: BaseException, path: Path) -> str:
-    """Return what went wrong in the student's file, with the last line of the file that was reached."""
-    if isinstance(error, PolicyError) and error.__cause__ is not None:
+def explain(error: Exception) -> str:
+    """Return what went wrong."""
+    if isinstance(error, PolicyError) and isinstance(error.__cause__, Missed):
         error = error.__cause__
-    if isinstance(error, NotImplementedError):
-        return "not written yet"
-    if isinstance(error, Missed):
-        return str(error)
-    lines = [
-        (call.lineno, call.line) for call in traceback.extract_tb(error.__traceback__) if call.filename == str(path)
-    ]
-    if isinstance(error, SyntaxError) and error.filename == str(path):
-        lines, error = [(error.lineno, error.text)], SyntaxError(error.msg)
-    if isinstance(error, PolicyError) and (name := re.search(r":(\w+)'", str(error))):  # scores of a wrong shape, NaN
-        code = path.read_text().splitlines()
-        lines = [(at, line) for at, line in enumerate(code, 1) if re.match(rf"class {name[1]}\b", line)]
-    text = f"{type(error).__name__}: {error}"
-    if isinstance(error, ModuleNotFoundError) and error.name in ("torch", "stable_baselines3", "sb3_contrib"):
-        text += ": task 5 needs pip install -e '.[train]'"
-    return text + (f"\n{' ' * 10}{path.name}, line {lines[-1][0]}: {(lines[-1][1] or '').strip()}" if lines else "")
+    return str(error) if isinstance(error, Missed) else f"{type(error).__name__}: {error}"
 
 
-def grade(number: int, student: ModuleType, path: Path, draw: int) -> int:
+def say(text: str, begin: str = INDENT) -> None:
+    """Print a text of the student's file: further lines are indented, so that none looks like one of the grader."""
+    lines = ("".join(c if c.isprintable() else "?" for c in line) for line in text.splitlines())
+    print(begin + f"\n{INDENT}".join(lines), flush=True)
+
+
+def processor_s() -> float:
+    """Return the processor time of the grader and its ended children, s."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
+
+
+def grade(number: int, student: Student, draw: int) -> int:
     """Print the items of a task and return its points."""
     task = functools.partial(task_6, draw=draw) if number == 6 else TASKS[number]
     print(f"Task {number}: {TASKS[number].__doc__}", flush=True)
-    began, reached, seen = time.process_time(), 0, 0
+    reached = seen = 0
     try:
-        with stopwatch():
-            for item in task(student):
-                seen += item.points
-                reached += 0 if item.complaint else item.points
-                print(f"  {0 if item.complaint else item.points} of {item.points:2}  {item.what}", flush=True)
-                if item.complaint:
-                    print(f"{' ' * 10}{item.complaint}", flush=True)
-    except (Exception, SystemExit) as error:  # of the student's code
-        print(f"  0 of {TOTAL - seen:2}  {explain(error, path)}", flush=True)
-    print(f"  {reached} of {TOTAL} points, {time.process_time() - began:.0f} s of processor time\n", flush=True)
+        for item in task(student):
+            seen += item.points
+            reached += 0 if item.complaint else item.points
+            print(f"  {0 if item.complaint else item.points} of {item.points:2}  {item.what}", flush=True)
+            if item.complaint:
+                say(item.complaint)
+    except Exception as error:  # an answer may be anything
+        say(explain(error), f"  0 of {TOTAL - seen:2}  ")
     return reached
 
 
@@ -90,19 +66,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--task", type=int, choices=sorted(TASKS), help="one task (all)")
     parser.add_argument("--file", type=Path, default=FOLDER / "tasks.py", help="the student's file (%(default)s)")
     parser.add_argument("--draw", type=int, default=0, metavar="N", help="other seeds for task 6, at least 0 (0)")
+    parser.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help="of a task, s (%(default)g)")
     given = parser.parse_args(argv)
     path = given.file.resolve()
     if not path.is_file() or path.suffix != ".py":
         parser.error(f"--file {given.file}: must be an existing .py file")
     if given.draw < 0:
         parser.error(f"--draw {given.draw}: must be at least 0")
+    if not 0 < given.limit < math.inf:
+        parser.error(f"--limit {given.limit}: must be above 0 and finite")
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # the file's messages may contain any character
     numbers = sorted(TASKS) if given.task is None else [given.task]
     reached = 0
-    try:
-        with loaded(path) as student:
-            reached = sum(grade(number, student, path, given.draw) for number in numbers)
-    except (Exception, SystemExit) as error:  # of the student's file while it is imported
-        print(f"{path.name} cannot be imported: {explain(error, path)}")
+    for number in numbers:
+        began_s = processor_s()
+        student = Student(path, given.limit)
+        try:
+            student.load()
+            points = grade(number, student, given.draw)
+        except Missed as error:
+            say(str(error), f"{path.name} cannot be imported: ")
+            break
+        finally:
+            if printed := student.stop():
+                say(printed, f"  printed by the file, at most the last lines:\n{INDENT}")
+        reached += points
+        print(f"  {points} of {TOTAL} points, {processor_s() - began_s:.0f} s of processor time\n", flush=True)
     print(f"Total: {reached} of {TOTAL * len(numbers)} points")
     return 0 if reached == TOTAL * len(numbers) else 1
 
