@@ -66,7 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--task", type=int, choices=sorted(TASKS), help="one task (all)")
     parser.add_argument("--file", type=Path, default=FOLDER / "tasks.py", help="the student's file (%(default)s)")
     parser.add_argument("--draw", type=int, default=0, metavar="N", help="other seeds for task 6, at least 0 (0)")
-    parser.add_argument("--limit", type=float, default=LIMIT_S, metavar="S", help="of a task, s (%(default)g)")
+    parser.add_argument(
+        "--limit", type=float, default=LIMIT_S, metavar="S", help="processor time of a task, s (%(default)g)"
+    )
     given = parser.parse_args(argv)
     path = given.file.resolve()
     if not path.is_file() or path.suffix != ".py":

@@ -20,6 +20,7 @@ from pacman_env import BasePolicy, Config, Situation
 
 CHILD = Path(__file__).with_name("child.py")
 START_S = 600.0  # until the child has compiled and imported the package
+WAITS = 3.0  # times the limit of processor time: for how long the answers may take in all on a busy machine
 SHOWN_LINES, SHOWN_BYTES = 20, 4000  # of what the file prints
 
 
@@ -28,9 +29,9 @@ class Missed(Exception):
 
 
 class Student:
-    """A child process with the student's file; it has ``limit_s`` of processor time, and to answer all questions.
+    """A child process with the student's file; it has ``limit_s`` of processor time, in ``WAITS * limit_s``.
 
-    The limit begins when the child is ready to import the file.
+    Both times begin when the child is ready to import the file; time in which it is asked nothing does not count.
     """
 
     def __init__(self, path: Path, limit_s: float) -> None:
@@ -51,7 +52,7 @@ class Student:
     def load(self) -> None:
         """Import the file, after the child has started; raises Missed if that fails."""
         self._receive()
-        self._left_s = self._limit_s
+        self._left_s = WAITS * self._limit_s
         self.ask("load")
 
     def ask(self, question: str, *names: str, arrays: Sequence[NDArray[Any]] = (), **facts: Any) -> Message:
@@ -83,7 +84,7 @@ class Student:
             self._left_s = deadline - time.monotonic()
             error, self.processor_s = facts.get("error"), self._clock(float(facts.get("processor_s", 0.0)))
         except TimeoutError:
-            raise Missed(f"stopped after {self._limit_s:g} s: waits, or needs too long for its decisions") from None
+            raise Missed(f"stopped after {WAITS * self._limit_s:g} s without an answer: it waits or is slow") from None
         except (OSError, EOFError):
             raise Missed(self._end()) from None
         except Exception as error:
@@ -104,7 +105,7 @@ class Student:
         except subprocess.TimeoutExpired:
             return "the file has closed the connection to the grader"
         if -status in (signal.SIGKILL, signal.SIGXCPU):
-            return f"killed: it used {self._limit_s:g} s of processor time, or too much memory"
+            return f"killed: it has used {self._limit_s:g} s of processor time, or too much memory"
         return f"the file has ended its process, with status {status}"
 
 

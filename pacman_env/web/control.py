@@ -3,7 +3,9 @@
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web.game import Refused
 
-KEPT_S = 10.0  # a person whose page is gone keeps control and role for this time
+#: A person whose page is gone keeps control and role for this time during a round. In the menu both are free at once,
+#: but a person who returns within this time gets back what is still free.
+KEPT_S = 10.0
 DEAD_MAN_S = 0.5  # the robot stops this long after the last velocity command, like the Create 3
 ROBOT = "robot"
 
@@ -50,10 +52,16 @@ class RoleControl:
         self.operator: str | None = None
         self.asking: list[str] = []  # people who requested control, in order
         self.roles = Roles()
-        self.gone: dict[str, float] = {}  # time of leaving, by person whose control or role is kept
+        self.gone: dict[str, float] = {}  # time of leaving, by person whose control or role is kept or claimed
+        self._claims: dict[str, tuple[bool, str | None]] = {}  # whether a person who is gone had control, and the role
 
     def came(self, person: str) -> None:
         self.gone.pop(person, None)
+        had_control, role = self._claims.pop(person, (False, None))
+        if had_control and self.operator is None:
+            self._pass_to(person)
+        if role is not None and role not in self.roles.people:
+            self.roles.assume(person, role)
 
     def went(self, person: str, now: float) -> None:
         if person in self.asking:
@@ -61,14 +69,18 @@ class RoleControl:
         if person == self.operator or self.roles.of(person) is not None:
             self.gone[person] = now
 
-    def expire(self, now: float) -> list[str]:
-        """Free control and roles of people that did not come back in time, and return these people."""
+    def expire(self, now: float, round_runs: bool) -> list[str]:
+        """Free control and roles of people that are gone, and return the people that did not come back in time."""
         late = [person for person, since in self.gone.items() if now - since >= KEPT_S]
+        for person in late if round_runs else self.gone:
+            had_control, role = person == self.operator, self.roles.leave(person)
+            if had_control:
+                self._pass_to(None)
+            if had_control or role is not None:
+                self._claims[person] = had_control, role
         for person in late:
             del self.gone[person]
-            self.roles.leave(person)
-            if person == self.operator:
-                self._pass_to(None)
+            self._claims.pop(person, None)
         return late
 
     def take(self, person: str) -> None:
@@ -89,6 +101,12 @@ class RoleControl:
         if self.operator != person:
             raise Refused("you do not have control")
         self._pass_to(self.asking[0] if self.asking else None)
+
+    def keep(self, person: str) -> None:
+        """Refuse control to all people who asked."""
+        if self.operator != person:
+            raise Refused("you do not have control")
+        self.asking.clear()
 
     def _pass_to(self, person: str | None) -> None:
         self.operator = person

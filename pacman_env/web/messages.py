@@ -76,7 +76,7 @@ class Release(Message, frozen=True): ...
 
 
 class Control(Message, frozen=True):
-    what: Literal["take", "ask", "give"]
+    what: Literal["take", "ask", "give", "keep"]
 
 
 class Role(Message, frozen=True):

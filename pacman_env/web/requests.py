@@ -55,7 +55,7 @@ class RequestHandler:
                 await self._change_role(viewer, message)
                 return
             case messages.Control(what=what):
-                {"take": self.control.take, "ask": self.control.ask, "give": self.control.give}[what](name)
+                getattr(self.control, what)(name)
                 if what == "give" and on_robot and self.control.roles.of(name) == ROBOT:
                     self.control.roles.leave(name)
                     await self.in_thread(self._game.handle, name, messages.Role(role="none"))

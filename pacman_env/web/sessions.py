@@ -42,6 +42,7 @@ class Sessions:
         self._tasks: set[asyncio.Task[Any]] = set()
         self._guests = 0
         self._ending = False
+        self._round_runs = False
 
     # From the game to all pages
 
@@ -53,12 +54,15 @@ class Sessions:
 
     async def _tick(self) -> None:
         now = time.monotonic()
-        for person in self._control.expire(now):
+        for person in self._control.expire(now, self._round_runs):
             self._log.add("expired", f"{person} did not come back: control and role are free")
         for key, viewer in list(self._known.items()):
             if viewer.gone_s is not None and now - viewer.gone_s >= control.KEPT_S:
                 del self._known[key]
-        self.audience.send(await in_thread(self._poll_thread, self.audience.poll))
+        update = await in_thread(self._poll_thread, self.audience.poll)
+        if update is not None:
+            self._round_runs = update.frame is not None and update.frame.state != "menu"
+        self.audience.send(update)
 
     def _people(self) -> dict[str, Any]:
         return {

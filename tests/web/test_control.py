@@ -11,9 +11,9 @@ PEOPLE = ("ann", "bob", "cid")
 people = st.sampled_from(PEOPLE)
 deeds = st.lists(
     st.one_of(
-        st.tuples(st.sampled_from(["take", "ask", "give", "leave", "went", "came"]), people),
+        st.tuples(st.sampled_from(["take", "ask", "give", "keep", "leave", "went", "came"]), people),
         st.tuples(st.just("assume"), people, st.sampled_from(ROLES)),
-        st.tuples(st.just("wait"), st.floats(0, 2 * KEPT_S)),
+        st.tuples(st.just("wait"), st.floats(0, 2 * KEPT_S), st.booleans()),
     ),
     max_size=40,
 )
@@ -27,7 +27,7 @@ def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
         before, roles = control.operator, dict(control.roles.people)
         if what == "wait":
             now += rest[0]
-            expired = control.expire(now)
+            expired = control.expire(now, round_runs=rest[1])
             assert all(now - gone[person] >= KEPT_S for person in expired)
         elif what in ("went", "came"):
             (person,) = rest
@@ -44,7 +44,8 @@ def test_control_passes_only_when_given_or_left(deeds: list[tuple]) -> None:
             except Refused:
                 assert (control.operator, control.roles.people) == (before, roles)
         if control.operator != before and before is not None:
-            assert (what, *rest) == ("give", before) or (what == "wait" and now - gone[before] >= KEPT_S)
+            late = what == "wait" and (now - gone[before] >= KEPT_S or not rest[1])
+            assert late or (what, *rest) == ("give", before)
         if control.operator != before and control.operator is not None:
             assert control.operator in here
         assert control.operator not in control.asking
@@ -73,17 +74,44 @@ def test_control_is_given_to_first_person_asking() -> None:
     assert (control.operator, control.asking) == ("ann", []), "asking for free control takes it"
 
 
-def test_control_and_role_are_kept_for_ten_seconds() -> None:
+def test_control_and_role_are_kept_during_round() -> None:
     control = RoleControl()
     control.take("ann")
     control.roles.assume("ann", "robot")
     control.went("ann", 100.0)
-    assert control.expire(100.0 + KEPT_S - 0.1) == []
+    assert control.expire(100.0 + KEPT_S - 0.1, round_runs=True) == []
     with pytest.raises(Refused):
         control.take("bob")
     control.came("ann")
-    assert control.expire(1000.0) == []
+    assert control.expire(1000.0, round_runs=True) == []
     assert (control.operator, control.roles.people) == ("ann", {"robot": "ann"})
     control.went("ann", 2000.0)
-    assert control.expire(2000.0 + KEPT_S) == ["ann"]
+    assert control.expire(2000.0 + KEPT_S, round_runs=True) == ["ann"]
     assert (control.operator, control.roles.people) == (None, {})
+
+
+def test_control_and_role_are_free_in_menu() -> None:
+    control = RoleControl()
+    control.take("ann")
+    control.roles.assume("ann", "robot")
+    control.went("ann", 100.0)
+    assert control.expire(100.0, round_runs=False) == []
+    assert (control.operator, control.roles.people) == (None, {})
+    control.came("ann")
+    assert (control.operator, control.roles.people) == ("ann", {"robot": "ann"}), "what is still free comes back"
+    control.went("ann", 200.0)
+    control.expire(200.0, round_runs=False)
+    control.take("bob")
+    control.came("ann")
+    assert (control.operator, control.roles.people) == ("bob", {"robot": "ann"})
+
+
+def test_operator_who_keeps_control_refuses_all() -> None:
+    control = RoleControl()
+    control.take("ann")
+    control.ask("bob")
+    control.ask("cid")
+    with pytest.raises(Refused, match="do not have"):
+        control.keep("bob")
+    control.keep("ann")
+    assert (control.operator, control.asking) == ("ann", [])

@@ -25,10 +25,11 @@ function stateOf(frame) {
 function hintFor(frame) {
   if (frame.stopped) return "Stopped: press Release to continue.";
   if (state.story || state.role !== "none") return ""; // the map says what a player can do
-  return { menu: "Press Start: the robot collects the pellets.", starting: "Get ready." }[frame.state] ?? "";
+  const start = $("start").disabled ? $("start").title : "Press Start: the robot collects the pellets.";
+  return { menu: start, starting: "Get ready." }[frame.state] ?? "";
 }
 
-on("frame story role", () => {
+on("frame story role people", () => {
   const frame = shownFrame();
   if (!frame) return;
   const live = state.frame ?? frame;
@@ -104,6 +105,7 @@ for (const what of ["take", "ask", "give"]) $(`lease-${what}`).onclick = () => c
 
 let lastOperator = null;
 let lastAsking = "";
+let asked = false; // this person, who has no answer yet
 on("hello people connection", () => {
   const { operator, asking, viewers, roles } = state.people;
   const may = state.hello?.access === "operator" && state.connected;
@@ -117,10 +119,12 @@ on("hello people connection", () => {
   write($("viewers"), String(viewers));
   const others = inControl() ? asking.filter((name) => name !== me()).join(", ") : "";
   if (others && others !== lastAsking) {
-    const buttons = [["Hand over", () => control("give")], ["Keep control", () => {}]];
+    const buttons = [["Hand over", () => control("give")], ["Keep control", () => control("keep")]];
     notice(`${others} asks for control.`, { stays: true, key: "asking", buttons });
   } else if (!others) dismiss("asking");
   lastAsking = others;
+  if (asked && operator && !mine && !asking.includes(me())) notice(`${operator} keeps control.`, { key: "kept" });
+  asked = state.connected && asking.includes(me());
   if (lastOperator !== null && mine && lastOperator !== me()) notice("You have control.");
   lastOperator = operator;
   const players = Object.entries(roles).filter(([, name]) => name)

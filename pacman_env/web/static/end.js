@@ -2,17 +2,23 @@
 
 import { request } from "./connection.js";
 import { $, clock, counted, make, stored, write, writeOrHide } from "./dom.js";
-import { on, source, state } from "./state.js";
+import { mayControl, on, source, state } from "./state.js";
 
 const KEY = "pacman_env.best";
 const ROUND_TIMEOUT_MS = 120000;
-const LIVES = 3; // of a new game
+const NEXT = { // words of the main button, by what it starts
+  retry: () => "Try again",
+  game: () => "New game",
+  level: (number) => `Level ${number}`,
+  round: (number) => (number > 1 ? `Round ${number}, faster ghosts` : "Next round"),
+};
 
 let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
 let lastState = "";
 
 const playsGhost = ({ ghosts_played: played = [] }) => played.some((ghost) => state.role === `ghost-${ghost}`);
-const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : ["complete", "cleared"].includes(entry.result));
+const isPlayersWin = ({ result }) => ["complete", "cleared"].includes(result); // of the robot
+const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : isPlayersWin(entry));
 
 // A result in words; to the person who played a ghost in that round it is the ghost's.
 function titleOf(entry) {
@@ -44,42 +50,52 @@ const close = () => {
 
 // Shows how a round has ended.
 export function showResult(entry) {
-  ended = entry;
+  const { lives: left, round, score } = state.frame;
+  ended = { ...entry, lost: { lives: left, round, score } }; // before the robot is home
   const { collected, spawned, time_s: time, ghosts_caught: caught, story, second } = entry;
   const text = `${collected} of ${spawned} pellets${caught ? ` and ${counted(caught, "ghost")}` : ""} in ${clock(time)}`;
   $("result").replaceChildren(make("strong", { text: titleOf(entry) }), text);
   $("end").dataset.won = String(isWon(entry));
   writeOrHide($("end-other"), second ? comparison(entry) : "");
-  writeOrHide($("end-lives"), livesWords(entry));
   writeOrHide($("end-best"), story ? recordsWith(entry) : "");
   $("end").hidden = Boolean(state.story);
   showActions();
 }
 
-// What a round means in the game of the person who plays the robot: levels to climb, with three lives.
-function livesWords({ result, player }) {
-  const { lives, round, score } = state.frame;
-  if (lives === undefined || player !== "person" || result !== "caught") return "";
+// The game of the person who plays the robot has levels and three lives; for all others it is a row of rounds.
+const playsRobot = () => state.role === "robot" && state.frame.lives !== undefined;
+
+// What a lost round means for the person who plays the robot, and for people without control who starts the next one.
+function nextLine({ result, player }) {
+  if (!mayControl()) return state.people.operator ? `${state.people.operator} starts the next round.` : "";
+  const { lives, round, score } = ended.lost;
+  if (!playsRobot() || player !== "person" || result !== "caught") return "";
   if (!lives) return `Game over in level ${round}, score ${score}.`;
   return `${lives === 1 ? "One life" : `${lives} lives`} left: try level ${round} again.`;
 }
 
-function nextWords() {
-  const { round, lives, state: now } = state.frame;
-  const next = ended?.result === "complete" && now !== "menu" ? round + 1 : round; // it counts up at home
-  if (lives === undefined) return next > 1 ? `Round ${next}, faster ghosts` : "Next round";
-  if (!lives || (round === 1 && lives === LIVES)) return "New game";
-  return `Level ${round}, Clyde ${state.scene.clyde_speed_mps.toFixed(2)} m/s`;
+// What the main button starts, and the number of the level or round.
+function next() {
+  const { round, state: now } = state.frame;
+  const number = isPlayersWin(ended) && now !== "menu" ? round + 1 : round; // it counts up at home
+  if (!playsRobot()) return ["round", number];
+  if (isPlayersWin(ended)) return ["level", number];
+  return [ended.result === "caught" && ended.lost.lives ? "retry" : "game", number];
 }
 
 function showActions() {
   const [first, second] = ended?.policies ?? [];
   const noStory = !ended?.story;
-  $("end-again").hidden = noStory || state.frame.lives !== undefined; // levels are a game of its own
+  const [what, number] = next();
+  writeOrHide($("end-lives"), nextLine(ended));
+  $("end-next").hidden = !mayControl();
+  $("end-next").dataset.starts = what;
+  $("end-again").hidden = noStory || !mayControl() || state.frame.lives !== undefined; // levels are a game of its own
   $("end-moment").hidden = noStory;
-  $("end-compare").hidden = !second || second === first || ended.player === "person" || !$("end-other").hidden;
+  const byPerson = ended.player === "person" || ended.ghosts_played?.length > 0; // no policy can repeat the round
+  $("end-compare").hidden = !second || second === first || byPerson || !mayControl() || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
-  write($("end-next").lastElementChild, nextWords());
+  write($("end-next").lastElementChild, NEXT[what](number));
 }
 
 function otherWords(policy, { result, collected, time_s: time }) {
@@ -94,7 +110,8 @@ function comparison(entry) {
   const rank = ({ result, collected, time_s: time }) => (result === "complete" ? 1e6 - time : collected);
   const lead = rank(entry) - rank(entry.second);
   const [policy] = entry.policies;
-  const better = lead ? `${lead > 0 ? "You were" : `${policy} was`} better` : "It is a draw";
+  const player = state.role === "robot" ? "You were" : `${state.people.roles.robot ?? "The player"} was`;
+  const better = lead ? `${lead > 0 ? player : `${policy} was`} better` : "It is a draw";
   return `${better}: ${otherWords(policy, entry.second)}`;
 }
 
@@ -129,5 +146,5 @@ on("frame", (frame) => {
   if (["starting", "running"].includes(lastState)) close();
   if (!$("end").hidden) showActions();
 });
-on("scene", () => $("end").hidden || showActions());
+on("scene people role", () => $("end").hidden || showActions());
 on("story", (story) => story && close());

@@ -88,7 +88,8 @@ function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role
   if (left > 0 && role === "robot") return `catch the blue ghosts, ${Math.ceil(left)} s left`;
   if (left > 0) return away[ghost] > 0 ? `caught, back in ${Math.ceil(left)} s` : `frightened for ${Math.ceil(left)} s`;
   const click = role === "robot" ? "click a pellet or use the arrow keys" : "click a place, or the robot to follow it";
-  return now === "menu" ? `press Start, then ${click}` : click;
+  if (now !== "menu") return click;
+  return $("start").disabled ? `wait for the start, then ${click}` : `press Start, then ${click}`;
 }
 
 function showMode() {

@@ -33,6 +33,8 @@ export const shownScene = () => state.story?.scene ?? state.scene;
 export const source = () => state.hello?.source ?? "simulator"; // or "ros"
 export const me = () => state.hello?.you ?? null;
 export const inControl = () => state.people.operator !== null && state.people.operator === me();
+// Whether this page could take control or has it.
+export const mayControl = () => state.hello?.access === "operator" && [null, me()].includes(state.people.operator);
 // Whether a round would be lost by a reset.
 export const roundRuns = () => ["starting", "running"].includes(state.frame?.state);
 export const robotPose = (frame) => frame?.true ?? frame?.believed ?? null;
