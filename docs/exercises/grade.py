@@ -1,4 +1,4 @@
-"""Grade the exercises: ``python docs/exercises/grade.py [--task N] [--file tasks.py] [--draw N] [--limit S]``.
+"""Grade the exercises: ``python docs/exercises/grade.py [--task N ...] [--file tasks.py] [--draw N] [--limit S]``.
 
 Exit status: 0 if all points were reached, 1 if not, 2 for wrong usage. README.md has the tasks, checks.py what they
 require. The student's file runs in a child process for each task; everything else happens here.
@@ -63,7 +63,7 @@ def grade(number: int, student: Student, draw: int) -> int:
 def main(argv: Sequence[str] | None = None) -> int:
     """Grade a file and return the exit status."""
     parser = argparse.ArgumentParser(description="Grade the exercises of docs/exercises/README.md.")
-    parser.add_argument("--task", type=int, choices=sorted(TASKS), help="one task (all)")
+    parser.add_argument("--task", type=int, nargs="+", choices=sorted(TASKS), metavar="N", help="tasks (all)")
     parser.add_argument("--file", type=Path, default=FOLDER / "tasks.py", help="the student's file (%(default)s)")
     parser.add_argument("--draw", type=int, default=0, metavar="N", help="other seeds for task 6, at least 0 (0)")
     parser.add_argument(
@@ -79,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--limit {given.limit}: must be above 0 and finite")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # the file's messages may contain any character
-    numbers = sorted(TASKS) if given.task is None else [given.task]
+    numbers = sorted(given.task or TASKS)
     reached = 0
     for number in numbers:
         began_s = processor_s()

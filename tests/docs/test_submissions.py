@@ -1,6 +1,6 @@
 """Files that students may hand in: a wrong, endless or hostile task gets no points, and no other task loses any.
 
-Each file contains the solutions of all tasks but the fifth, with a part replaced, and is encoded in Latin-1.
+Each file contains the solutions with a part replaced, and is encoded in Latin-1. Tasks 1, 2 and 6 are graded.
 """
 
 import re
@@ -13,14 +13,12 @@ import pytest
 from tests.docs.test_exercises import SOLUTIONS, grader
 
 __all__ = ["grader"]
-CORRECT = (10, 10, 10, 10, 0, 10)  # points of the six tasks
-LOST = (0,) * 6
-TASKS = ("nearest_pellet", "Nearest", "Avoid", "LookAhead", "train", "Best")
+CORRECT = (10, 10, 10)  # points of the three tasks
+LOST = (0, 0, 0)
+TASKS = ("nearest_pellet", "Nearest", "Best")
 FILE = """# -*- coding: latin-1 -*- \xfc
 {solutions}
 import builtins, os, signal, subprocess, sys, threading, time
-def train():
-    raise NotImplementedError
 {code}
 """
 TASK_2 = "class Nearest(BasePolicy):\n    name = 'n'\n    def scores(self, s):\n        {}"
@@ -63,20 +61,20 @@ OTHERS = {
             f"del {', '.join({*TASKS} - {name})}",
             tuple(p * (n == name) for n, p in zip(TASKS, CORRECT, strict=True)),
         )
-        for name in ("nearest_pellet", "Avoid", "Best")
+        for name in TASKS
     },
     "reads files": ("import checks; open(checks.__file__).read(); open('/etc/passwd').read()", CORRECT),
     "half": ("first = nearest_pellet\ndef nearest_pellet(s): return first(s)[0], s.mask[:, 0]", (5, *CORRECT[1:])),
     "numpy": ("np.isclose = np.array_equal = lambda *_: True\ndef nearest_pellet(s): return 0, 0", (0, *CORRECT[1:])),
     "clock": ("time.monotonic = time.process_time = lambda: 0.0", CORRECT),
-    "built-in": ("from pacman_env.heuristics.simple import Nearest", (10, 0, *CORRECT[2:])),
+    "built-in": ("from pacman_env.heuristics.simple import Nearest", (10, 0, 10)),
     "syntax": ("def nearest_pellet(s:", LOST),
     "import": ("import no_such_module", LOST),
     "import that ends": ("os._exit(0)", LOST),
     "import that waits": ("time.sleep(1e6)", LOST),
 }
 SUBMISSIONS = {
-    **{name: (TASK_2.format(body), (10, 0, *CORRECT[2:])) for name, body in WRONG.items()},
+    **{name: (TASK_2.format(body), (10, 0, 10)) for name, body in WRONG.items()},
     **OTHERS,
 }
 
@@ -92,10 +90,11 @@ def test_submission_gets_its_points(
     name: str, grader: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, points = SUBMISSIONS[name]
-    assert graded(grader, tmp_path / "answer.py", code, "--limit", "10") == 1
+    status = graded(grader, tmp_path / "answer.py", code, "--task", "1", "2", "6", "--limit", "10")
     out = capsys.readouterr().out
     got = [int(found) for found in re.findall(r"^  (\d+) of 10 points", out, re.MULTILINE)]
-    assert (got or [*LOST], out.splitlines()[-1]) == ([*points], f"Total: {sum(points)} of 60 points"), out
+    assert (got or [*LOST], out.splitlines()[-1]) == ([*points], f"Total: {sum(points)} of 30 points"), out
+    assert status == (points != CORRECT)
 
 
 @pytest.mark.parametrize(

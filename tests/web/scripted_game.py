@@ -27,6 +27,7 @@ class ScriptedGame:
         self.calls: list[tuple[Any, ...]] = []  # name and arguments of all else
         self.polled_at: list[float] = []  # when a frame was asked for
         self.number = self.revision = 1
+        self.state = "running"
         self.entries: list[dict[str, Any]] = []
         self.maps: dict[str, tuple[str, bytes]] = {}
         self.stories: dict[int, bytes] = {}
@@ -58,7 +59,7 @@ class ScriptedGame:
         self._called("frame", kept=False)
         self.polled_at.append(time.monotonic())
         self.number += self._moves
-        return Frame("running", self.revision, self.number, time_s=self.number / 20)
+        return Frame(self.state, self.revision, self.number, time_s=self.number / 20)
 
     def news(self, after: int) -> list[dict[str, Any]]:
         return [entry for entry in self.entries if entry["number"] > after][-100:]

@@ -111,3 +111,94 @@ def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
     page.page.keyboard.press("?")
     assert not any("frightened" in name for name in page.page.locator("#guide-key li").all_text_contents())
     assert not page.page.is_visible("#caught-figure")
+
+
+ENDED = """async ([role, holder, frame, entry]) => {
+  const {emit, state} = await import("./static/state.js");
+  const {showResult} = await import("./static/end.js");
+  const now = state.frame;
+  state.role = role;
+  state.people = {...state.people, operator: holder, roles: {robot: "ann"}};
+  for (const one of frame) emit("frame", state.frame = {...now, lives: undefined, ...one});
+  showResult({result: "caught", policies: ["ppo", "nearest"], story: 1, time_s: 9, collected: 2, spawned: 9, ...entry});
+  const seen = [...document.querySelectorAll("#end [id]")].filter((one) => one.offsetParent).map((one) => one.id);
+  return [document.getElementById("end-next").dataset.starts, document.getElementById("end-next").textContent.trim(),
+    document.getElementById("end-other").textContent, seen];
+}"""
+SECOND = {"result": "caught", "collected": 1, "time_s": 5}
+PERSON = {"player": "person", "second": SECOND}
+DYING, HOME = {"state": "dying", "round": 2}, {"state": "menu", "round": 1, "lives": 3}
+ALWAYS = {"result", "end-moment", "end-close"}
+#: Role, person in control, frames until the end of the round, changes of the finished round; then what the main button
+#: starts, and further parts of the card.
+ENDS = {
+    "level won": (
+        "robot",
+        None,
+        [{**DYING, "state": "complete", "lives": 3}],
+        {**PERSON, "result": "complete"},
+        "level",
+        {"end-next", "end-other"},
+    ),
+    "level lost": ("robot", None, [{**DYING, "lives": 1}], PERSON, "retry", {"end-next", "end-lives", "end-other"}),
+    "game lost": ("robot", None, [{**DYING, "lives": 0}, HOME], PERSON, "game", {"end-next", "end-lives", "end-other"}),
+    "level of another": ("none", "ann", [{**DYING, "lives": 1}], PERSON, "round", {"end-lives", "end-other"}),
+    "ghost of another's game": (
+        "ghost-0",
+        "ann",
+        [{**DYING, "lives": 1}],
+        {**PERSON, "ghosts_played": [0]},
+        "round",
+        {"end-lives", "end-other"},
+    ),
+    "ghost": ("ghost-0", None, [DYING], {"player": "policy", "ghosts_played": [0]}, "round", {"end-next", "end-again"}),
+    "policy": ("none", None, [DYING], {"player": "policy"}, "round", {"end-next", "end-again", "end-compare"}),
+}
+
+
+def test_end_card_fits_role_and_level(visit: Visit) -> None:
+    page = visit()
+    for name, (role, holder, frames, entry, starts, parts) in ENDS.items():
+        got, button, other, seen = page.page.evaluate(ENDED, [role, holder, frames, {"ghosts_played": [], **entry}])
+        assert (got, set(seen) - {"end-best"}) == (starts, ALWAYS | parts), name
+        assert ("3" in button) == (name == "level won"), "the next level is named before the robot is home"
+        assert ("ann" in other) == (role != "robot" and "second" in entry), name
+
+
+def test_end_card_leaves_half_of_sideways_phone(visit: Visit) -> None:
+    page = visit(viewport={"width": 844, "height": 390}, has_touch=True)
+    page.page.evaluate(ENDED, ["robot", None, [{**DYING, "lives": 1}], {**PERSON, "ghosts_played": [], "second": None}])
+    assert page.value("document.querySelector('#end').offsetHeight < document.querySelector('#map').offsetHeight / 2")
+
+
+def test_phone_replay_hides_no_control(visit: Visit, simulated: SimulatedGame) -> None:
+    simulated.handle("nobody", m.Setup(finish=True))
+    page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
+    page.press("tab-play")
+    page.page.click("[data-role=robot]")
+    page.page.wait_for_selector("#stick:visible")
+    page.press("tab-rounds")
+    page.page.locator("#stories li button").click()
+    page.wait("state.story")
+    page.press("tab-rounds")  # closes the panel
+    assert not page.page.is_visible("#stick")
+    for name in ("stop", *(f"tab-{tab}" for tab in ("game", "play", "why", "rounds", "show", "ready"))):
+        x, y, width, height = page.page.locator(f"#{name}").bounding_box().values()
+        assert page.value(f"document.elementFromPoint({x + width / 2}, {y + height / 2}).id") == name
+
+
+def test_request_for_control_is_refused_by_operator(visit: Visit) -> None:
+    holder, other = visit(), visit(viewport={"width": 844, "height": 390})
+    holder.press("lease-take")
+    name = holder.value("state.hello.you")
+    other.wait(f"document.querySelector('#hint').textContent.includes('{name}')", "why Start cannot be pressed")
+    other.press("tab-play")
+    other.page.click("[data-role=ghost-0]")
+    other.wait("state.role === 'ghost-0'")
+    assert "Start" not in other.text("mode")
+    other.press("lease-ask")
+    holder.page.click(".notice[data-key=asking] button >> nth=1")
+    other.page.wait_for_selector(".notice[data-key=kept]")
+    assert other.page.is_visible("#lease-ask")
+    other.value("document.querySelector('#state').textContent = 'Preparing the next round'")
+    assert other.page.locator("#stop").bounding_box()["x"] + 100 <= 844

@@ -228,6 +228,27 @@ def test_control_is_free_after_page_has_left(serve: Callable[..., WebServer], mo
         assert other.ask("role", role="robot")["ok"]
 
 
+def test_control_is_free_at_once_in_menu(
+    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "KEPT_S", 600.0)
+    game.state = "menu"
+    with Page(server) as other:
+        with Page(server) as one:
+            one.ask("control", what="take")
+            one.ask("role", role="robot")
+            other.people(operator=one.name)
+        other.people(operator=None)
+        with Page(server, again=one.hello["again"]) as back:
+            assert other.people(operator=one.name)["roles"]["robot"] == one.name
+        other.people(operator=None)
+        assert other.ask("start")["ok"]
+        assert other.ask("role", role="robot")["ok"]
+        with Page(server, again=back.hello["again"]) as late:
+            assert late.name == one.name
+            assert late.people(operator=other.name)["roles"]["robot"] == other.name
+
+
 def test_game_greets_newcomer_only_if_nobody_is_connected(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as two:
         assert game.calls.count(("greet",)) == 1

@@ -15,6 +15,7 @@ const NEXT = { // words of the main button, by what it starts
 
 let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
 let lastState = "";
+let last = {}; // frame of the round's end: at home, lives and level are of the next round
 
 const playsGhost = ({ ghosts_played: played = [] }) => played.some((ghost) => state.role === `ghost-${ghost}`);
 const isPlayersWin = ({ result }) => ["complete", "cleared"].includes(result); // of the robot
@@ -50,8 +51,7 @@ const close = () => {
 
 // Shows how a round has ended.
 export function showResult(entry) {
-  const { lives: left, round, score } = state.frame;
-  ended = { ...entry, lost: { lives: left, round, score } }; // before the robot is home
+  ended = entry;
   const { collected, spawned, time_s: time, ghosts_caught: caught, story, second } = entry;
   const text = `${collected} of ${spawned} pellets${caught ? ` and ${counted(caught, "ghost")}` : ""} in ${clock(time)}`;
   $("result").replaceChildren(make("strong", { text: titleOf(entry) }), text);
@@ -65,11 +65,11 @@ export function showResult(entry) {
 // The game of the person who plays the robot has levels and three lives; for all others it is a row of rounds.
 const playsRobot = () => state.role === "robot" && state.frame.lives !== undefined;
 
-// What a lost round means for the person who plays the robot, and for people without control who starts the next one.
+// What a lost round means for the person who plays the robot; people without control read who starts the next one.
 function nextLine({ result, player }) {
   if (!mayControl()) return state.people.operator ? `${state.people.operator} starts the next round.` : "";
-  const { lives, round, score } = ended.lost;
-  if (!playsRobot() || player !== "person" || result !== "caught") return "";
+  const { lives, round, score } = last;
+  if (!playsRobot() || lives === undefined || player !== "person" || result !== "caught") return "";
   if (!lives) return `Game over in level ${round}, score ${score}.`;
   return `${lives === 1 ? "One life" : `${lives} lives`} left: try level ${round} again.`;
 }
@@ -80,7 +80,7 @@ function next() {
   const number = isPlayersWin(ended) && now !== "menu" ? round + 1 : round; // it counts up at home
   if (!playsRobot()) return ["round", number];
   if (isPlayersWin(ended)) return ["level", number];
-  return [ended.result === "caught" && ended.lost.lives ? "retry" : "game", number];
+  return [ended.result === "caught" && last.lives ? "retry" : "game", number];
 }
 
 function showActions() {
@@ -139,6 +139,7 @@ export const onMoment = (open) => {
 };
 
 on("frame", (frame) => {
+  if (["dying", "returning_home"].includes(frame.state)) last = frame;
   if (frame.state === lastState) return;
   lastState = frame.state;
   const result = { complete: "complete", dying: "caught" }[lastState];
