@@ -15,7 +15,6 @@ from tests.docs.test_exercises import SOLUTIONS, grader
 __all__ = ["grader"]
 CORRECT = (10, 10, 10)  # points of the three tasks
 LOST = (0, 0, 0)
-TASKS = ("nearest_pellet", "Nearest", "Best")
 FILE = """# -*- coding: latin-1 -*- \xfc
 {solutions}
 import builtins, os, signal, subprocess, sys, threading, time
@@ -56,13 +55,9 @@ WRONG = {
 #: Code at the end of the file, and the points of its tasks.
 OTHERS = {
     "correct": ("", CORRECT),
-    **{
-        f"only {name}": (
-            f"del {', '.join({*TASKS} - {name})}",
-            tuple(p * (n == name) for n, p in zip(TASKS, CORRECT, strict=True)),
-        )
-        for name in TASKS
-    },
+    "only task 1": ("del Nearest, Best", (10, 0, 0)),
+    "only task 2": ("del nearest_pellet, Best", (0, 10, 0)),
+    "only task 6": ("del nearest_pellet, Nearest", (0, 0, 10)),
     "reads files": ("import checks; open(checks.__file__).read(); open('/etc/passwd').read()", CORRECT),
     "half": ("first = nearest_pellet\ndef nearest_pellet(s): return first(s)[0], s.mask[:, 0]", (5, *CORRECT[1:])),
     "numpy": ("np.isclose = np.array_equal = lambda *_: True\ndef nearest_pellet(s): return 0, 0", (0, *CORRECT[1:])),
@@ -73,10 +68,7 @@ OTHERS = {
     "import that ends": ("os._exit(0)", LOST),
     "import that waits": ("time.sleep(1e6)", LOST),
 }
-SUBMISSIONS = {
-    **{name: (TASK_2.format(body), (10, 0, 10)) for name, body in WRONG.items()},
-    **OTHERS,
-}
+SUBMISSIONS = {name: (TASK_2.format(body), (10, 0, 10)) for name, body in WRONG.items()} | OTHERS
 
 
 def graded(grader: ModuleType, path: Path, code: str, *arguments: str) -> int:

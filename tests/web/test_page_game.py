@@ -127,32 +127,23 @@ ENDED = """async ([role, holder, frame, entry]) => {
 }"""
 SECOND = {"result": "caught", "collected": 1, "time_s": 5}
 PERSON = {"player": "person", "second": SECOND}
-DYING, HOME = {"state": "dying", "round": 2}, {"state": "menu", "round": 1, "lives": 3}
+HOME = {"state": "menu", "round": 1, "lives": 3}
+WON, LOST, OVER = (
+    {"state": state, "round": 2, "lives": n} for state, n in (("complete", 3), ("dying", 1), ("dying", 0))
+)
+POLICY = {"state": "dying", "round": 2}
+GHOST = {"player": "policy", "ghosts_played": [0]}
 ALWAYS = {"result", "end-moment", "end-close"}
 #: Role, person in control, frames until the end of the round, changes of the finished round; then what the main button
 #: starts, and further parts of the card.
 ENDS = {
-    "level won": (
-        "robot",
-        None,
-        [{**DYING, "state": "complete", "lives": 3}],
-        {**PERSON, "result": "complete"},
-        "level",
-        {"end-next", "end-other"},
-    ),
-    "level lost": ("robot", None, [{**DYING, "lives": 1}], PERSON, "retry", {"end-next", "end-lives", "end-other"}),
-    "game lost": ("robot", None, [{**DYING, "lives": 0}, HOME], PERSON, "game", {"end-next", "end-lives", "end-other"}),
-    "level of another": ("none", "ann", [{**DYING, "lives": 1}], PERSON, "round", {"end-lives", "end-other"}),
-    "ghost of another's game": (
-        "ghost-0",
-        "ann",
-        [{**DYING, "lives": 1}],
-        {**PERSON, "ghosts_played": [0]},
-        "round",
-        {"end-lives", "end-other"},
-    ),
-    "ghost": ("ghost-0", None, [DYING], {"player": "policy", "ghosts_played": [0]}, "round", {"end-next", "end-again"}),
-    "policy": ("none", None, [DYING], {"player": "policy"}, "round", {"end-next", "end-again", "end-compare"}),
+    "level won": ("robot", None, [WON], {**PERSON, "result": "complete"}, "level", {"end-next", "end-other"}),
+    "level lost": ("robot", None, [LOST], PERSON, "retry", {"end-next", "end-lives", "end-other"}),
+    "game lost": ("robot", None, [OVER, HOME], PERSON, "game", {"end-next", "end-lives", "end-other"}),
+    "level of another": ("none", "ann", [LOST], PERSON, "round", {"end-lives", "end-other"}),
+    "ghost of another's game": ("ghost-0", "ann", [LOST], {**GHOST, **PERSON}, "round", {"end-lives", "end-other"}),
+    "ghost": ("ghost-0", None, [POLICY], GHOST, "round", {"end-next", "end-again"}),
+    "policy": ("none", None, [POLICY], {"player": "policy"}, "round", {"end-next", "end-again", "end-compare"}),
 }
 
 
@@ -167,7 +158,7 @@ def test_end_card_fits_role_and_level(visit: Visit) -> None:
 
 def test_end_card_leaves_half_of_sideways_phone(visit: Visit) -> None:
     page = visit(viewport={"width": 844, "height": 390}, has_touch=True)
-    page.page.evaluate(ENDED, ["robot", None, [{**DYING, "lives": 1}], {**PERSON, "ghosts_played": [], "second": None}])
+    page.page.evaluate(ENDED, ["robot", None, [LOST], {**PERSON, "ghosts_played": [], "second": None}])
     assert page.value("document.querySelector('#end').offsetHeight < document.querySelector('#map').offsetHeight / 2")
 
 
