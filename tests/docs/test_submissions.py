@@ -15,7 +15,8 @@ from tests.docs.test_exercises import SOLUTIONS, grader
 __all__ = ["grader"]
 CORRECT = (10, 10, 10)  # points of the three tasks
 LOST = (0, 0, 0)
-FILE = """# -*- coding: latin-1 -*- \xfc
+FILE = """# -*- coding: latin-1 -*-
+# \xfc
 {solutions}
 import builtins, os, signal, subprocess, sys, threading, time
 {code}
@@ -48,7 +49,7 @@ WRONG = {
     "total": "print('\\nTotal: 60 of 60 points\\n', flush=True); os._exit(0)",
     "group": "os.kill(0, signal.SIGKILL)",
     "builtins": "builtins.len = builtins.isinstance = lambda *_: 0; return 0",
-    "socket": "[os.write(int(k), bytes(99)) for k in os.listdir('/proc/self/fd') if int(k) > 2]",
+    "socket": "[os.write(k, bytes(99)) for k in range(3, 99) if os.path.exists(f'/proc/self/fd/{k}')]",
     "closed": "os.closerange(3, 99); time.sleep(1e6)",
     "checks": "import checks as c; c.choices = c.completion = lambda *_: c.Item(5, '', ''); return s.path_robot",
 }
