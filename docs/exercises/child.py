@@ -15,7 +15,7 @@ import struct
 import sys
 import time
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -55,18 +55,23 @@ def unpacked(head: bytes, body: bytes) -> Message:
     return facts, arrays
 
 
-def receive(channel: socket.socket, deadline: float | None = None) -> Message:
-    """Return the next message; raises TimeoutError at a time of ``time.monotonic``, EOFError at a closed channel."""
+def receive(channel: socket.socket, may_wait: Callable[[], bool] = lambda: True) -> Message:
+    """Return the next message; raises EOFError if the channel is closed, TimeoutError if it ``may_wait`` no longer."""
 
     def read(size: int) -> bytes:
         if size > MOST_BYTES:
             raise ValueError(f"expected an answer of at most {MOST_BYTES} bytes, got {size}")
         data = bytearray()
         while len(data) < size:
-            channel.settimeout(None if deadline is None else max(deadline - time.monotonic(), 1e-3))
-            data += (part := channel.recv(min(size - len(data), 2**20)))
+            try:
+                part = channel.recv(min(size - len(data), 2**20))
+            except TimeoutError:
+                if may_wait():
+                    continue
+                raise
             if not part:
                 raise EOFError
+            data += part
         return bytes(data)
 
     head, body = LENGTHS.unpack(read(LENGTHS.size))
