@@ -34,7 +34,7 @@ MODULES = {
     "learning-curves": ("training.learning_curves", "measure how fast standard learners learn"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
-#: What replaces a removed command; the entries stay until 1.0.
+#: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
     "completion": "pacman-env COMMAND --help lists the options of a command",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
