@@ -74,6 +74,8 @@ class Game:
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.power: Collection[int] = ()  # the power pellets
         self.pose = tuple(house().grid.home.tolist())
+        self.seen_at: tuple[float, float] | None = None  # where Clyde is published, until it is None
+        session.observer.create_timer(1.0, self._show_clyde)
 
     # Nodes
 
@@ -123,7 +125,13 @@ class Game:
         self.say(topics.AMCL_POSE, message)
 
     def clyde(self, x: float, y: float) -> None:
+        """Publish Clyde's pose from now on."""
+        self.seen_at = (x, y) if math.isfinite(x) else self.seen_at
         self.say(topics.CLYDE_POSE, pose_message(x, y, 0.0, self.session.stamp()))
+
+    def _show_clyde(self) -> None:
+        if self.seen_at is not None:
+            self.clyde(*self.seen_at)
 
     def pellets(self, *gone: int) -> None:
         for number in gone:

@@ -11,6 +11,9 @@ POSE_JUMPED = "pose jumped"
 OTHER_MAP = "another map"
 NAV2_FAILS = "Nav2 fails"
 POLICY_FAILS = "policy fails"
+GHOST_LOST = "ghost lost"
+SILENT_S = 2.0  # after this time without a message of a ghost or of the goal selector, its node may be frozen
+SILENCE = "no diagnostics for {:.0f} s"
 #: Troubles that need a person, and what the person can do.
 REMEDIES: Mapping[str, str] = {
     NO_ODOMETRY: "create3_republisher may have stopped; on the robot: sudo systemctl restart turtlebot4",
@@ -18,6 +21,7 @@ REMEDIES: Mapping[str, str] = {
     POSE_JUMPED: "look where the robot is: set its pose (page, RViz), or continue as it is (page, key c)",
     OTHER_MAP: "start localization or the game again, with the other's map",
     NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",
+    GHOST_LOST: "clyde_ghost_node ended or is frozen: ros up starts it again; it goes on when the ghost is seen",
     POLICY_FAILS: "correct the policy, or play with another one (--policy); the game continues when it answers",
 }
 

@@ -1,16 +1,21 @@
 """Run a policy once before the game, so that everything that it needs is loaded and compiled."""
 
+import math
+
 import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import CHASES
-from pacman_env.policies.asking import choose, reset, scores
+from pacman_env.policies.asking import choose, name_of, reset, scores
 from pacman_env.policies.base import Policy
+from pacman_env.ros.surroundings import current
 from pacman_env.sim.observation.robot_view import RobotView
+
+SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
 
 
 def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
-    """Run the policy once and return it; raises ValueError or TypeError if it fails.
+    """Run the policy and return it; raises ValueError or TypeError if it fails, or needs more than ``SLOW_S``.
 
     It sees a wandering and a chasing ghost, because a map of its own predicts the chase.
     """
@@ -18,9 +23,14 @@ def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
     chased = situation.copy()
     chased.belief[...] = np.eye(chased.belief.shape[-1])[CHASES]
     reset(policy, first, config)
-    for seen in (situation, chased):
+    clock_s, fastest_s = current().perf_counter, math.inf
+    for seen in (situation, chased, situation):  # the first calls may compile
         scores(policy, seen)
+        start_s = clock_s()
         choose(policy, seen)
+        fastest_s = min(fastest_s, clock_s() - start_s)
+    if fastest_s > SLOW_S:
+        raise ValueError(f"policy {name_of(policy)!r}: needs {fastest_s:.1f} s to choose, must be at most {SLOW_S:g} s")
     reset(policy, first, config)
     view.off_the_map(0.0, 0.0)
     return policy

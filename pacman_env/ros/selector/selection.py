@@ -35,18 +35,17 @@ from pacman_env.ros.messages import (
     word_of,
 )
 from pacman_env.ros.selector.believed_pose import Belief, BelievedPose
+from pacman_env.ros.selector.ghost_watch import GhostWatch
 from pacman_env.ros.selector.goal_scores import decision_times
 from pacman_env.ros.selector.nav2_failures import Nav2Failures
 from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
-from pacman_env.ros.selector.reasons import NAV2_FAILS, POLICY_FAILS
-from pacman_env.ros.selector.rehearsal import rehearsed
+from pacman_env.ros.selector.reasons import GHOST_LOST, NAV2_FAILS, POLICY_FAILS
+from pacman_env.ros.selector.rehearsal import SLOW_S, rehearsed
 from pacman_env.ros.surroundings import current
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
-
-SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
 
 
 class Troubles(Protocol):
@@ -87,6 +86,7 @@ class Selection:
         self.spec, self.policy = policy, rehearsed(instance, self.view, config)
         self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
         self._believed = BelievedPose(limits.timeout_s)
+        self._ghosts = GhostWatch()
         self._watch = PoseWatch(self._believed, limits)
         self._nav2 = Nav2Failures()
         self._collected = 0  # pellets of the round, at the last decision
@@ -136,6 +136,7 @@ class Selection:
 
     def on_ghost(self, number: int, message: Any, now: float) -> None:
         x, y, _ = pose_of(message)
+        self._ghosts.see(number, now)
         self.view.see_ghost(number, x, y, nanoseconds_of(message.header.stamp) or int(now * 1e9))
 
     def on_clyde_speed(self, message: Any, now: float) -> None:
@@ -180,11 +181,12 @@ class Selection:
             self._warn("bad tf_static" if static else "bad tf", trouble)
 
     def watch(self, now: float) -> list[ExecutorAction]:
-        """Hold while the pose is not trusted; call this after each reception of transforms."""
+        """Hold while the pose is not trusted or a ghost is lost; call this after each reception of transforms."""
         actions: list[ExecutorAction] = []
         self._watch.check(now)
         # Reasons that apply come first: if one replaces another, no goal is sent in between.
-        for reason, words in sorted(self._watch.reasons(now).items(), key=lambda pair: not pair[1]):
+        reasons = {**self._watch.reasons(now), GHOST_LOST: self._ghosts.lost(now) if self.executor.playing else ""}
+        for reason, words in sorted(reasons.items(), key=lambda pair: not pair[1]):
             self._report(reason, words)
             actions += self.executor.hold(reason, bool(words), now)
         return actions

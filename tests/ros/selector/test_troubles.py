@@ -10,6 +10,7 @@ from std_msgs.msg import Header
 from pacman_env.ros import topics
 from pacman_env.ros.messages import markers_of, transform_message
 from pacman_env.ros.node import GameNode
+from pacman_env.ros.selector.reasons import GHOST_LOST
 from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros.selector_game import FAR_AWAY, Game, pellet
 from tests.ros.session import Session
@@ -86,6 +87,24 @@ def test_missing_clyde_is_trouble_until_it_comes(game: Game) -> None:
     game.clyde(*FAR_AWAY)
     game.session.advance(LONGEST_S)
     assert game.condition()["troubles"].keys() == {"ghosts unheard"}
+
+
+def test_robot_holds_until_lost_ghost_returns(game: Game) -> None:
+    game.start()
+    game.begin()
+    first = game.running_goal(1)
+    game.seen_at = None
+    game.condition(lambda c: GHOST_LOST in c["troubles"], GHOST_LOST)
+    assert first.cancelled
+    game.session.advance(2 * LONGEST_S)
+    assert len(game.nav2.goals) == 1
+    game.clyde(*FAR_AWAY)
+    game.running_goal(2)
+    assert GHOST_LOST not in game.condition()["troubles"]
+    game.seen_at = None
+    game.condition(lambda c: GHOST_LOST in c["troubles"], GHOST_LOST)
+    game.clyde(*game.pose[:2])
+    game.status("death_detected")
 
 
 class Peer(GameNode):

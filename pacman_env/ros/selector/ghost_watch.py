@@ -1,0 +1,23 @@
+"""Check whether all ghosts were seen lately: a round must not continue against the ghosts of a dead node."""
+
+from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.ros.selector.reasons import SILENT_S
+from pacman_env.ros.surroundings import current
+
+_WALL_S = 0.5  # shortest wall time that counts, because the game's clock may run fast on a busy machine
+
+
+class GhostWatch:
+    def __init__(self) -> None:
+        self._wall_s = current().monotonic
+        self._seen_s: dict[int, tuple[float, float]] = {}  # ghost: last time it was seen, and its wall time
+
+    def see(self, number: int, now: float) -> None:
+        self._seen_s[number] = now, self._wall_s()
+
+    def lost(self, now: float) -> str:
+        """Describe the ghost that was not seen for the longest time; empty if none is lost."""
+        for number, (seen_s, wall_s) in sorted(self._seen_s.items(), key=lambda pair: pair[1]):
+            if now - seen_s > SILENT_S and self._wall_s() - wall_s > _WALL_S:
+                return f"{GHOST_NAMES[number]} was not seen for {now - seen_s:.0f} s; the robot holds"
+        return ""
