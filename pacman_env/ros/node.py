@@ -33,6 +33,7 @@ from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_con
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
+from .heartbeat import HEART, LONG_S
 from .messages import LONGEST_JSON, BadMessage, started
 from .rclpy_private import accept_integers
 from .standstill import STOOD_STILL, Standstill, lease_s
@@ -362,6 +363,7 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
     standstill = Standstill(longest_s)
     try:
         while not stop.asked and all(node.status is None for node in nodes):
+            HEART.beat()
             executor.spin_once(timeout_sec=POLL_S)
             if standstill:
                 text = f"stood still for {standstill.longest_s:.1f} s: others may have lost it, so it ends"
@@ -369,6 +371,7 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
                 nodes[0].status = STOOD_STILL
     finally:
         standstill.close()
+        HEART.beat(LONG_S)
         end = time.monotonic() + LAST_MESSAGES_S
         for node in nodes:
             for answer in () if node.silent else node.last_messages():

@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
+from pacman_env.ros.heartbeat import HEART, LONG_S
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.rclpy_private import accept_integers, destroy_state_machine
 from pacman_env.ros.selector.pose_watch import PoseLimits
@@ -42,7 +43,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         descriptor = ParameterDescriptor(description=text, read_only=True)
         accept_integers(self, "home")
         self._home = self.declare_parameter("home", Parameter.Type.DOUBLE_ARRAY, descriptor).value
-        self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 0.1, 10.0)
+        self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 1.0, 10.0)
         text = "age of a transform, s, beyond which the latched amcl_pose is used instead"
         timeout_s = parameter(self, "pose_timeout_s", PoseLimits.timeout_s, text, 0.1, 10.0)
         # AMCL stamps its transform 1 s into the future, so Nav2 has been without one for 1 s by then.
@@ -129,6 +130,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             state = selection.executor.game_state
             if state not in ("menu", None):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
+            HEART.beat(LONG_S)
             try:
                 self._loaded = change.value, rehearsed(make_policy(change.value), selection.view, self.config)
             except _UNUSABLE as error:

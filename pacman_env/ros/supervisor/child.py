@@ -1,12 +1,14 @@
 """Run one node's module as a process that ends when its parent is gone, so that no node outlives ``ros up``.
 
-Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``."""
+Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID HEARTBEAT_PIPE MODULE ARGUMENTS...``."""
 
 import ctypes
 import os
 import runpy
 import signal
 import sys
+
+from pacman_env.ros.heartbeat import HEART
 
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
@@ -18,11 +20,11 @@ def end_with_parent(number: int = signal.SIGTERM) -> None:
 
 
 def main() -> None:
-    parent, module = int(sys.argv[1]), sys.argv[2]
+    parent, HEART.pipe, module = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     end_with_parent()
     if os.getppid() != parent:  # the parent ended before the signal was set
         sys.exit(1)
-    sys.argv = sys.argv[2:]
+    sys.argv = sys.argv[3:]
     status: int | None = None
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)

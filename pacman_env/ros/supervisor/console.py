@@ -30,6 +30,7 @@ class Console:
     ) -> None:
         self._status_line, self._rounds, self._writer, self._stop = status_line, rounds, writer, stop
         self._pressed = pressed
+        self._stops_until_reset = False
         self._reported: dict[str, str] = {}  # troubles, by kind
 
     def greet(self) -> None:
@@ -44,13 +45,24 @@ class Console:
                 self._stop.asked = True
             elif key in KEYS:
                 self._rounds.wanted.append(KEYS[key])
+                if key == "r" and not operator.stopped:  # the referee or the goal selector may be frozen
+                    self._stops_until_reset = True
+                    self._stop_robot()
             elif key == " ":
-                operator.request(True, "ros up")
-                self._status_line.halt()
+                self._stops_until_reset = False
+                self._stop_robot()
                 self._writer.print("stopped: the robot stands until g")
             elif key == "g" and operator.stopped:
+                self._stops_until_reset = False
                 operator.request(False, "ros up")
                 self._writer.print("released")
+        if self._stops_until_reset and RESET_GAME not in self._rounds.requested:
+            self._stops_until_reset = False
+            operator.request(False, "ros up")
+
+    def _stop_robot(self) -> None:
+        self._status_line.operator.request(True, "ros up")
+        self._status_line.halt()
 
     def report_troubles(self) -> None:
         """Print each trouble that needs a person once, with the text that page and doctor show."""

@@ -15,7 +15,7 @@ from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses; 2 means bad arguments
 SETTLE_S = 0.5  # time for latched messages to arrive after the first message
-OBEY_S = 2.0  # time for all nodes that have ever published a request to obey
+OBEY_S = 2.0  # time for all nodes to obey
 DRIVERS = ("goal_selector", "game_controller")  # nodes that send goals to Nav2
 
 
@@ -48,11 +48,15 @@ def _stop(status_line: StatusLine, wait_s: float) -> int:
     status = _print_obeying(status_line, wait_s, "stopped until 'pacman-env ros release'; obeyed by {}")
     if status != DONE:
         return status
-    running = status_line.discovered
-    late = [name for name in DRIVERS if name in running and name not in status_line.operator.obeyed_by]
-    if late:
+    if late := _late(status_line):
         print(wrapped(f"NOT YET obeyed by {', '.join(late)}: watch the robot, it may still drive"))
     return REFUSED if late else DONE
+
+
+def _late(status_line: StatusLine) -> list[str]:
+    """List the nodes that send goals and have not obeyed; a frozen node is not even discovered."""
+    names = status_line.discovered if status_line.state == "menu" else DRIVERS
+    return [name for name in DRIVERS if name in names and name not in status_line.operator.obeyed_by]
 
 
 def _release(status_line: StatusLine, wait_s: float) -> int:
@@ -73,7 +77,7 @@ def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> in
         return _no_answer(status_line, topics.GAME_STATE.name)
     missing = status.settled(status_line, end_s)
     print((status.as_json if as_json else status.as_rows)(status_line, missing))
-    return status.INCOMPLETE if missing else status.ALL_THERE
+    return status.INCOMPLETE if missing or status_line.unresponsive else status.ALL_THERE
 
 
 COMMANDS: dict[str, Callable[[StatusLine, float], int]] = {
@@ -93,7 +97,7 @@ def _print_obeying(status_line: StatusLine, wait_s: float, text: str) -> int:
     if not status_line.spin_until(lambda: operator.obeyed_by, wait_s):
         return _no_answer(status_line, topics.OPERATOR_STOP.name)
     status_line.spin_until(lambda: False, SETTLE_S)
-    status_line.spin_until(lambda: operator.obeyed_by_all, OBEY_S)
+    status_line.spin_until(lambda: operator.obeyed_by_all and not (operator.stopped and _late(status_line)), OBEY_S)
     print(wrapped(text.format(", ".join(operator.obeyed_by))))
     return DONE
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ..heartbeat import Listener
 from . import child
 
 #: For a node's end on a busy machine: its last messages and a hanging middleware take 7 s together (``node.py``).
@@ -46,6 +47,13 @@ class GroupMember:
     restarts: list[float] = field(default_factory=list)  # times of restarts because it did not respond
     left_alone: bool = False  # True after too many restarts
     ended_by_us: bool = False  # killed for a restart that was already reported
+    heartbeat: Listener = field(default_factory=Listener)
+
+    @property
+    def is_frozen(self) -> bool:
+        """True if the process runs but its heartbeat is late."""
+        process = self.process
+        return process is not None and process.poll() is None and self.heartbeat.is_late(process.pid)
 
 
 @dataclass
@@ -85,7 +93,8 @@ class ProcessGroup:
         path = self._log(name)
         with contextlib.suppress(OSError), path.open("rb") as log:
             log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
-            lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+            lines = [line.rstrip() for line in log.read().decode(errors="replace").splitlines()]
+            lines = [line for line in lines if line[:1].strip() and not line.endswith(":")]  # no places of a traceback
             if lines and (what.search(lines[-1]) if what else not _NO_REASON.search(lines[-1])):
                 return f"{lines[-1]} ({path})"
         return ""
@@ -106,10 +115,19 @@ class ProcessGroup:
         many = len(member.deaths) >= MANY
         return f"died {MANY} times within {SOON_S:.0f} s, at last it {words}" if many else words, many
 
-    def restart(self, name: str, reason: str) -> None:
+    def restart_frozen(self) -> list[str]:
+        """Restart the processes whose heartbeat is late, and return their names."""
+        frozen = [member for member in self._members.values() if member.is_frozen]
+        for member in frozen:
+            self.restart(member.name, f"it is frozen, no heartbeat for {member.heartbeat.silent_s:.0f} s", frozen=True)
+            member.heartbeat.silent_s = 0.0
+        return [member.name for member in frozen]
+
+    def restart(self, name: str, reason: str, frozen: bool = False) -> None:
         """Kill a running process that does not respond, so that ``tend`` restarts it; limited to ``RESTARTS``."""
         member, now = self._members[name], time.monotonic()
-        if member.process is None or member.process.poll() is not None or now - member.started_s < AT_REST_S:
+        starts = not frozen and now - member.started_s < AT_REST_S
+        if member.process is None or member.process.poll() is not None or starts:
             return
         member.restarts = [when for when in member.restarts if now - when < RESTARTS_S]
         if len(member.restarts) < RESTARTS:
@@ -158,12 +176,13 @@ class ProcessGroup:
         self,
         first: Collection[str] = (),
         last: Collection[str] = (),
-        between: Callable[[], object] = lambda: None,
+        halt: Callable[[], object] = lambda: None,
         waiting: Callable[[Sequence[str]], object] = lambda names: None,
     ) -> list[str]:
-        """Stop the members of ``first`` together, call ``between``, stop all others together, then ``last``.
+        """Stop the members of ``first`` together, call ``halt``, stop all others together, then ``last``.
 
-        Calls ``waiting`` with the names of members that still run. Returns the names of killed members.
+        ``halt`` is also called before any member is awaited: a frozen one stops nothing. Calls ``waiting`` with the
+        names of members that still run. Returns the names of killed members.
         """
         killed = []
         others = [name for name in self._members if name not in (*first, *last)]
@@ -171,12 +190,13 @@ class ProcessGroup:
             members = [self._members.pop(name) for name in names if name in self._members]
             processes = {member.name: member.process for member in members}
             running = {name: process for name, process in processes.items() if process and process.poll() is None}
-            killed += end(running, PATIENCE_S, waiting)
+            halts = halt if members and names is first else lambda: None
+            late = lambda names=members: [member.name for member in names if member.is_frozen]  # noqa: E731
+            killed += end(running, PATIENCE_S, waiting, late, halts)
             for name, process in running.items():
                 if process.returncode == -signal.SIGALRM:
                     self.report(f"{name} did not leave the middleware, its log is {self._log(name)}")
-            if members and names is first:
-                between()
+            halts()  # again: they may have sent another goal
         return killed
 
     def _log(self, name: str) -> Path:
@@ -185,12 +205,15 @@ class ProcessGroup:
     def _launch(self, member: GroupMember, mode: str) -> None:
         with self._log(member.name).open(mode) as log:
             member.log_begins = log.tell()
+            member.heartbeat.restart()
+            pipe, words = member.heartbeat.pipe, self.command(member.name)
             member.process = subprocess.Popen(
-                [sys.executable, "-m", child.__name__, str(os.getpid()), *self.command(member.name)],
+                [sys.executable, "-m", child.__name__, str(os.getpid()), str(pipe), *words],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self.environment,
+                pass_fds=(pipe,),
                 start_new_session=True,  # Ctrl-C must only reach the command, which stops the nodes in order
             )
         member.due_s, member.started_s = None, time.monotonic()
@@ -200,23 +223,27 @@ def end(
     processes: Mapping[str, subprocess.Popen[Any]],
     patience_s: float,
     waiting: Callable[[Sequence[str]], object] = lambda names: None,
+    frozen: Callable[[], list[str]] = list,
+    meanwhile: Callable[[], object] = lambda: None,
 ) -> list[str]:
-    """Terminate processes together; kill processes that do not end in time, and return their names.
+    """Terminate processes together; kill frozen ones and those that do not end in time, and return their names.
 
-    Calls ``waiting`` with the names of the running processes whenever one has ended.
+    Calls ``meanwhile`` before it waits, and ``waiting`` with the names of the running processes whenever one has ended.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():
         process.terminate()
+    meanwhile()
+    killed: list[str] = []
     previous: list[str] = []
     while running := [name for name, process in processes.items() if process.poll() is None]:
         if running != previous:
             waiting(running)
         previous = running
-        if time.monotonic() > deadline:
-            break
+        late = running if time.monotonic() > deadline else frozen()
+        for name in late:
+            processes[name].kill()
+            processes[name].wait()
+        killed += late
         time.sleep(_END_POLL_S)
-    for name in running:
-        processes[name].kill()
-        processes[name].wait()
-    return running
+    return killed

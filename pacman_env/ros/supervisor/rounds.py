@@ -76,10 +76,15 @@ class RoundRequests:
         else:
             self.writer.print(f"{service.name}: {result.message}")
 
+    @property
+    def requested(self) -> list[Service]:
+        """Services without an answer."""
+        return [*self.wanted, *(service for service, *_ in self.answers)]
+
     def _is_refused_too_soon(self) -> bool:
         """Return True if a referee that has just restarted refuses a start although a round can begin.
 
         It has not discovered the goal selector yet. A reset that was requested later has priority.
         """
-        requests = [*self.wanted, *(service for service, *_ in self.answers)]
-        return self.status_line.state == "menu" and self.status_line.has_selector and RESET_GAME not in requests
+        is_ready = self.status_line.state == "menu" and self.status_line.has_selector
+        return is_ready and RESET_GAME not in self.requested

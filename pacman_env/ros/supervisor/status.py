@@ -39,7 +39,10 @@ class Missing:
 
 
 def settled(status_line: StatusLine, end_s: float) -> Missing:
-    """Wait until all nodes and values of a game are there, no more arrive, or ``end_s``; return the missing ones."""
+    """Wait until all nodes and values of a game are there, no more arrive, or ``end_s``; return the missing ones.
+
+    Also wait until it is known whether the goal selector still reports.
+    """
     previous: Any = None
     quiet_s = 0.0
     while True:
@@ -47,7 +50,7 @@ def settled(status_line: StatusLine, end_s: float) -> Missing:
         now_s = time.monotonic()
         if missing != previous:
             previous, quiet_s = missing, now_s + QUIET_S
-        if not missing or now_s >= min(quiet_s, end_s):
+        if (not missing and status_line.unresponsive is not None) or now_s >= min(quiet_s, end_s):
             return missing
         status_line.spin(0.05)
 

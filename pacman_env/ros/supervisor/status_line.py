@@ -4,6 +4,7 @@ It publishes nothing until it must stop the robot."""
 
 import contextlib
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -14,12 +15,12 @@ from rclpy.parameter import Parameter
 
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
-from pacman_env.ros.game_monitor import MONITORED, GameMonitor
+from pacman_env.ros.game_monitor import MONITORED, NO_RESPONSE, GameMonitor
 from pacman_env.ros.messages import LONGEST_WORD, BadMessage
 from pacman_env.ros.node import ObserverNode, process_words
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.ros.selector.reasons import REMEDIES
-from pacman_env.ros.supervisor.game_nodes import full_namespace
+from pacman_env.ros.selector.reasons import REMEDIES, SILENCE, SILENT_S
+from pacman_env.ros.supervisor.game_nodes import SELECTOR, full_namespace
 from pacman_env.ros.supervisor.terminal import fitted, plain
 
 ANSWER_S = 2.0  # before a service is called again: an answer may be lost, or never come from a referee that ended
@@ -43,6 +44,8 @@ class StatusLine(ObserverNode):
         self.game = GameMonitor()
         for topic in (MONITORED[name].topic for name in _RECEIVED):
             self.listen(topic, partial(self.game.update, topic.name), f"bad {topic.name}")
+        self._heard_s: deque[float] = deque(maxlen=2)  # arrivals of the goal selector's diagnostics
+        self.listen(topics.DIAGNOSTICS, lambda _: self._heard_s.append(time.monotonic()), "")
         self.operator = OperatorStop(self, obeys=False)
         self._cmd_vel: Any = None
         self._cancel: Any = None
@@ -93,9 +96,21 @@ class StatusLine(ObserverNode):
         return (now_ns - self.game.pose.stamp_ns) / 1e9
 
     @property
+    def unresponsive(self) -> dict[str, str] | None:
+        """Reasons by node that does not respond to the referee or has stopped to report.
+
+        None while the only diagnostics of the goal selector may be an old message of a frozen node.
+        """
+        silent_s = time.monotonic() - self._heard_s[-1] if self._heard_s else 0.0
+        if silent_s > SILENT_S:
+            return {**self.game.unresponsive, SELECTOR: SILENCE.format(silent_s)}
+        return None if len(self._heard_s) == 1 else dict(self.game.unresponsive)
+
+    @property
     def troubles(self) -> dict[str, str]:
         """Current troubles by kind: nodes that do not respond, and reports of the goal selector."""
-        return {plain(kind, LONGEST_WORD): text for kind, text in self.game.troubles.items()}
+        silent = {NO_RESPONSE.format(node): f"{node}: {reason}" for node, reason in (self.unresponsive or {}).items()}
+        return {plain(kind, LONGEST_WORD): text for kind, text in {**silent, **self.game.troubles}.items()}
 
     def others(self) -> str:
         """Describe a discovered game, or another clock, that prevents a game here; empty if there is none."""
@@ -118,7 +133,7 @@ class StatusLine(ObserverNode):
             "nodes": sorted(self.game.nodes),
             "stopped": self.operator.stopped if self.operator.known else None,
             "goal_selector": self.condition or None,
-            "unresponsive": self.game.unresponsive,
+            "unresponsive": self.unresponsive,
             "invalid": {name: self.game.invalid[name] for name in VALUES if name in self.game.invalid},
         }
 

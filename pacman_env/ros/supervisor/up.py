@@ -186,7 +186,8 @@ class GameProcesses:
             self.console.report_troubles()
             self.rounds.call_services()
             self._restart_unresponsive()
-            if SELECTOR in self.processes.tend():
+            frozen = self.processes.restart_frozen()
+            if SELECTOR in (*frozen, *self.processes.tend()):
                 self.status_line.halt()  # no node supervises the robot's goal any more
             if awaited:
                 self.writer.wait(f"starting: {awaited}")

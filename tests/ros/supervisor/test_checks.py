@@ -11,6 +11,7 @@ from pacman_env.ros.grid import Grid
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, CheckTime, Finding, Observations, Source
 from pacman_env.ros.supervisor.checks.game import (
+    ARRIVALS,
     CLOUDS,
     CONFIGURATIONS,
     DIAGNOSTICS,
@@ -43,6 +44,7 @@ SOURCES: dict[str, Source[Any]] = {
     "state": STATE,
     "condition": DIAGNOSTICS,
     "unresponsive": UNRESPONSIVE,
+    "arrivals": ARRIVALS,
 }
 
 
@@ -125,6 +127,7 @@ FACTS: dict[str, Any] = {
     "state": "menu",
     "condition": {"policy": "ppo", "active": True, "nav2": True, "troubles": {}},
     "unresponsive": {},
+    "arrivals": (NOW.monotonic_s - 1.0, NOW.monotonic_s),
 }
 
 
@@ -296,7 +299,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
         ({"subscribers": {"local_costmap/clyde_obstacle": COSTMAPS[1:]}}, "clyde_obstacle",
          f"but of {NS}/local_costmap/clyde_obstacle, which no node publishes", NAV2),
         ({"nodes": tuple(n for n in robot().nodes if "audio" not in n)}, "game's nodes",
-         f"6 of 7; not discovered {WAITED}: audio_node", UP),
+         f"6 of 7; not discovered {WAITED}: audio_node", f"pkill -9 -f 'audio_node.*__ns:={NS}( |$)'"),
         ({"nodes": tuple(n for n in robot().nodes if SELECTOR not in n)}, "game's nodes", "goal_selector",
          "it starts when the robot has a pose"),
         ({"configurations": (plays("audio_node"), plays("audio_node", started=(2000.0, "pi", 4)))}, "game's nodes",
@@ -408,6 +411,18 @@ def test_clock_of_other_simulation_is_not_used() -> None:
 def test_original_planner_counts_as_goal_selector() -> None:
     nodes = [f"{NS}/planner_stub" if name == f"{NS}/{SELECTOR}" else name for name in robot().nodes]
     assert found(robot(nodes=tuple(nodes)), "game's nodes").status == OK
+
+
+def test_selector_without_diagnostics_does_not_respond() -> None:
+    def answers(*ages_s: float) -> Finding:
+        return found(robot(arrivals=tuple(NOW.monotonic_s - age_s for age_s in ages_s)), "game's answers")
+
+    silent = answers(5.0)
+    assert (silent.status, silent.command) == (BAD, "kill -9 17")
+    assert SELECTOR in silent.summary
+    assert "5 s" in silent.summary
+    assert not answers(1.0).settled, "an old message of a frozen node"
+    assert (answers(1.5, 0.5).status, answers(1.5, 0.5).settled) == (OK, True)
 
 
 def test_root_namespace_has_one_slash() -> None:

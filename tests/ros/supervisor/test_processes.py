@@ -33,6 +33,19 @@ MEETS = GOOD.replace(
         time.sleep(0.01)
     open(sys""",
 )
+#: It has a heartbeat, and ends by no signal that Python handles.
+BEATS = """
+import signal, sys, time
+from pacman_env.ros import heartbeat
+heartbeat.HANGS_S = 0
+signal.signal(signal.SIGTERM, lambda number, frame: None)
+heartbeat.HEART.beat(1)
+print("ready", flush=True)
+while sys.argv[0].endswith("beats.py"):
+    heartbeat.HEART.beat()
+    time.sleep(0.01)
+time.sleep(600)
+"""
 REFUSES = "import sys; print('no such map', file=sys.stderr); sys.exit(2)"
 NODES = {
     "first": GOOD,
@@ -42,6 +55,8 @@ NODES = {
     "done": "",
     "refuses": REFUSES,
     "spare": REFUSES,
+    "beats": BEATS,
+    "hangs": BEATS,
     "dies": "raise RuntimeError('out of luck')",
     "twice": """
 import os, pathlib, signal, sys
@@ -53,6 +68,7 @@ before.touch()
 print("Fatal Python error: Segmentation fault", flush=True)
 os.kill(os.getpid(), signal.SIGSEGV)
 """,
+    "says_place": "print('[FATAL] [1.0]: out of luck\\n[WARN] at:\\n  exit()\\n  ^^^^^^'); raise SystemExit(3)",
     "stubborn": "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('ready', flush=True)\n"
     "time.sleep(600)",
 }
@@ -99,9 +115,9 @@ def test_nodes_stop_in_order(group: ProcessGroup, folder: Path) -> None:
         group.start(name)
     ready(group, *names)
     told: list[str] = []
-    between = lambda: told.append(order.read_text())  # noqa: E731
-    assert group.stop(["second", "absent"], ["first"], between) == []
-    assert told == ["second\n"]
+    halt = lambda: told.append("".join(path.read_text() for path in [order] if path.exists()))  # noqa: E731
+    assert group.stop(["second", "absent"], ["first"], halt) == []
+    assert told[1:] == ["second\n"], "once more after its end"
     ended = order.read_text().split()
     assert (ended[0], set(ended[1:3]), ended[3:]) == ("second", {"waits", "waits_too"}, ["first"])
 
@@ -111,6 +127,27 @@ def test_stubborn_node_is_killed_and_named(group: ProcessGroup, monkeypatch: pyt
     group.start("stubborn")
     ready(group, "stubborn")
     assert group.stop() == ["stubborn"]
+
+
+def test_frozen_node_is_started_again(group: ProcessGroup, said: list[str]) -> None:
+    group.start("beats")
+    ready(group, "beats")
+    first = group.ids()
+    os.kill(first["beats"], signal.SIGSTOP)
+    wait_for(lambda: group.restart_frozen() == ["beats"], "the freeze is seen")
+    assert said == ["beats is started again: it is frozen, no heartbeat for 2 s"]
+    wait_for(lambda: group.tend() == [] and group.ids().items() - first.items(), "another process")
+
+
+def test_frozen_node_is_killed_after_halt(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "PATIENCE_S", 10 * PATIENCE_S)
+    group.start("beats")
+    ready(group, "beats")
+    group.restart_frozen()  # receives a heartbeat
+    os.kill(number := group.ids()["beats"], signal.SIGSTOP)
+    alive: list[bool] = []
+    assert group.stop(["beats"], halt=lambda: alive.append(Path(f"/proc/{number}").exists())) == ["beats"]
+    assert alive == [True, False]
 
 
 def test_dead_node_is_started_again_with_reason(group: ProcessGroup, folder: Path, said: list[str]) -> None:
@@ -150,6 +187,12 @@ def test_reason_of_death_is_of_same_life(group: ProcessGroup, folder: Path, said
     assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
 
 
+def test_reason_of_end_is_no_place(group: ProcessGroup, folder: Path, said: list[str]) -> None:
+    group.start("says_place")
+    wait_for(lambda: group.tend() == ["says_place"], "its end")
+    assert f"status 3: [FATAL] [1.0]: out of luck ({folder / 'says_place.log'})" in said[0]
+
+
 def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
     group.start("refuses")
     with pytest.raises(Lost, match="refuses does not start: no such map"):
@@ -178,7 +221,8 @@ def test_finished_node_can_be_dismissed(group: ProcessGroup) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
-def test_no_node_outlives_killed_parent(folder: Path, environment: dict[str, str]) -> None:
+@pytest.mark.parametrize("name", ["first", "hangs"])
+def test_no_node_outlives_killed_parent(folder: Path, environment: dict[str, str], name: str) -> None:
     order = folder / "order"
     parent = f"""
 import time
@@ -186,14 +230,17 @@ from pathlib import Path
 from pacman_env.ros.supervisor.processes import ProcessGroup
 import os
 group = ProcessGroup(lambda name: ["nodes." + name, {str(order)!r}], Path({str(folder)!r}), dict(os.environ), print)
-group.start("first")
+group.start({name!r})
+print(group.ids()[{name!r}], flush=True)
 time.sleep(600)
 """
-    with subprocess.Popen([sys.executable, "-c", parent], env=environment) as process:
-        log = folder / "first.log"
+    with subprocess.Popen([sys.executable, "-c", parent], env=environment, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        number, log = int(process.stdout.readline()), folder / f"{name}.log"
         wait_for(lambda: log.exists() and "ready" in log.read_text(), "the node runs")
         process.send_signal(signal.SIGKILL)
-    wait_for(order.exists, "the node has ended")
+    wait_for(lambda: not Path(f"/proc/{number}").exists(), "the node has ended")
+    assert order.exists() == (name == "first")
 
 
 def test_unresponsive_process_is_restarted_with_limits(

@@ -83,3 +83,23 @@ def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> No
     probe.publish(topics.DIAGNOSTICS, json.dumps(condition))
     assert status_line.spin_until(lambda: status_line.condition and status_line.state, PATIENCE_S)
     assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
+
+
+def test_silent_goal_selector_is_trouble(probe: Probe, status_line: StatusLine) -> None:
+    probe.publish(topics.DIAGNOSTICS, '{"troubles": {}}')
+    assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
+    assert status_line.spin_until(lambda: status_line.unresponsive, PATIENCE_S)
+    assert "goal_selector does not respond" in status_line.line(pose_age=False)
+    assert SELECTOR in status_line.facts()["unresponsive"]
+    probe.publish(topics.DIAGNOSTICS, '{"troubles": {}}')
+    assert status_line.spin_until(lambda: status_line.unresponsive == {}, PATIENCE_S)
+
+
+@pytest.mark.parametrize("state", ["running", "menu"])
+def test_stop_names_driver_that_never_answers(probe: Probe, domain: int, tmp_path: Path, state: str) -> None:
+    with session.nodes(tmp_path, alone=False) as nodes:
+        nodes.start("game_event_mapper")
+        probe.publish(topics.GAME_STATE, state)
+        answer = ask_plainly("stop", "--wait", str(PATIENCE_S))
+    assert answer.status == (state == "running")
+    assert ("goal_selector" in answer.out) == (state == "running")

@@ -2,13 +2,14 @@
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from pacman_env.config import differences
 
 from ...discovery import COSTMAPS
-from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, troubles_of
+from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, SILENCE, SILENT_S, troubles_of
 from ..game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
 from .check import (
     RESTART_GAME,
@@ -108,6 +109,12 @@ def _add_configuration(previous: Any, message: Any, arrival: CheckTime) -> Any:
 CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _add_configuration, "COMMANDS")
 STATE = monitored("state", "game_state", "std_msgs/String")
 DIAGNOSTICS = monitored("condition", "goal_selector/diagnostics", "std_msgs/String")
+#: Arrivals of the last two diagnostics; a single message may be an old one of a frozen node.
+ARRIVALS: Source[tuple[float, ...]] = Source(
+    *(DIAGNOSTICS.name, DIAGNOSTICS.type_name),
+    lambda previous, message, arrival: (*(previous or ())[-1:], arrival.monotonic_s),
+    "LATCHED",
+)
 UNRESPONSIVE = monitored("unresponsive", "game/unresponsive", "std_msgs/String")
 
 
@@ -139,11 +146,12 @@ def _check_game_nodes(robot: Observations) -> Finding:
             robot.start_game,
             settled=False,
         )
-    remedy = "Ctrl-C in the game's terminal, then start it again; its log names the reason why a node ended"
+    remedy = f"it ended or is frozen: {START_AGAIN}; the game's terminal and its log name the reason"
     if missing == [SELECTOR]:
         remedy = f"it starts when the robot has a pose; else {remedy}"
     summary = f"{len(discovered)} of {len(names)}; not discovered {robot.within}: {listed(missing)}"
-    return Finding.bad(summary, remedy, robot.start_game, settled=False)
+    command = f"pkill -9 -f '{missing[0]}.*__ns:={robot.namespace}( |$)'"
+    return Finding.bad(summary, remedy, command, settled=False)
 
 
 def _duplicates(robot: Observations) -> list[str]:
@@ -159,11 +167,13 @@ def _duplicates(robot: Observations) -> list[str]:
 def _check_responses(robot: Observations) -> Finding | None:
     if robot.full(REFEREE) not in robot.nodes:
         return None
-    reasons = robot.get(UNRESPONSIVE)
+    reasons, arrivals = robot.get(UNRESPONSIVE), robot.get(ARRIVALS) or ()
+    if arrivals and (silent_s := robot.now.monotonic_s - arrivals[-1]) > SILENT_S:
+        reasons = {**(reasons or {}), SELECTOR: SILENCE.format(silent_s)}
     if reasons is None:
         return Finding.unknown(robot.silence(UNRESPONSIVE.name), "nodes of the original game do not report it")
     if not reasons:
-        return Finding.ok("what the referee asks for is done")
+        return replace(Finding.ok("what the referee asks for is done"), settled=len(arrivals) != 1)
     ids = {one["node"]: one["started"][2] for one in _configurations(robot)}
     summary = listed(f"{node} does not respond, {reason}" for node, reason in reasons.items())
     number = next((ids[node] for node in reasons if node in ids), None)
@@ -253,7 +263,7 @@ CHECKS = (
         "game's answers",
         "Do all nodes do what the referee asks them to?",
         _check_responses,
-        (UNRESPONSIVE, CONFIGURATIONS),
+        (UNRESPONSIVE, ARRIVALS, CONFIGURATIONS),
     ),
     Check(
         "configuration", "Do all nodes have the same configuration and map?", _check_configuration, (CONFIGURATIONS,)
