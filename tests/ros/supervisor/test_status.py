@@ -10,12 +10,12 @@ import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.node import ObserverNode
-from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR
+from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, module_of
 from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session
 from tests.ros.supervisor.test_operating import ask_plainly
-from tests.ros.system import ROOT, Probe
+from tests.ros.system import ROOT, Probe, System
 from tests.waiting import PATIENCE_S
 
 
@@ -96,10 +96,9 @@ def test_silent_goal_selector_is_trouble(probe: Probe, status_line: StatusLine) 
 
 
 @pytest.mark.parametrize("state", ["running", "menu"])
-def test_stop_names_driver_that_never_answers(probe: Probe, domain: int, tmp_path: Path, state: str) -> None:
-    with session.nodes(tmp_path, alone=False) as nodes:
-        nodes.start("game_event_mapper")
-        probe.publish(topics.GAME_STATE, state)
-        answer = ask_plainly("stop", "--wait", str(PATIENCE_S))
+def test_stop_names_driver_that_never_answers(system: System, probe: Probe, state: str) -> None:
+    system.start(module_of("game_event_mapper"))
+    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data=state))
+    answer = ask_plainly("stop", "--wait", str(PATIENCE_S))
     assert answer.status == (state == "running")
     assert ("goal_selector" in answer.out) == (state == "running")
