@@ -15,7 +15,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TextIO
 
-from pacman_env.engine.jit import require_compiler
 from pacman_env.files import install_command, user_folder
 from pacman_env.ros.discovery import join
 from pacman_env.ros.node import StopSignals
@@ -95,7 +94,10 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
         raise ValueError("--play-on, --rounds: only with --sim; with a real robot a person starts each round")
     if setup.lock_step and (other := os.environ.get("RMW_IMPLEMENTATION", FAST_DDS)) not in ("", FAST_DDS):
         raise ValueError(f"--lock-step: only with {FAST_DDS}, which delivers within publish; here {other} is set")
-    require_compiler()
+    if "NUMBA_DISABLE_JIT" in os.environ:  # the import takes 0.4 s
+        from pacman_env.engine.jit import require_compiler
+
+        require_compiler()
     load_map(setup.map)
     nav2.check(setup)
 
