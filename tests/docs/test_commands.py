@@ -60,7 +60,7 @@ def wheels() -> Path:
     stamp, wanted = folder / "stamp", hashlib.sha256(texts).hexdigest()
     if not stamp.exists() or stamp.read_text() != wanted:
         shutil.rmtree(folder, ignore_errors=True)
-        pip = [
+        pip = (
             sys.executable,
             "-m",
             "pip",
@@ -70,7 +70,7 @@ def wheels() -> Path:
             folder,
             "--constraint",
             "constraints.txt",
-        ]
+        )
         call(*pip, ".[dev,ros,web]", "setuptools>=77", "jupyterlab", "pre-commit", cwd=ROOT)
         for own in folder.glob("pacman_env-*"):
             own.unlink()
@@ -116,8 +116,9 @@ class Place:
         self.checkout, self.options = checkout, {"cwd": checkout, "env": variables}
         if not venv.exists():
             call(sys.executable, "-m", "venv", venv)
+            package = f".[{','.join(extras)}]" if extras else "."
             more = "jupyterlab" if "notebooks" in extras else ""
-            self.run(f"pip install --quiet --no-compile -c constraints.txt -e '.[{','.join(extras)}]' {more}")
+            self.run(f"pip install --quiet --no-compile -c constraints.txt -e '{package}' {more}")
             if "ros" in extras:
                 self.run("python -m tools.ros_interfaces.build")
 
