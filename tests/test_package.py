@@ -157,12 +157,6 @@ def test_every_shipped_map_is_playable_from_wheel(played: dict[str, Any], site: 
     assert played["compiled"] == []  # a checkout that is warm shares its kernels
 
 
-def test_installed_command_lists_maps(site: Path, tmp_path: Path) -> None:
-    script = site / "bin" / "pacman-env"
-    out = run(sys.executable, str(script), "map", "list", cwd=tmp_path, site=site)
-    assert out.split() == shipped_maps()
-
-
 def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_path: Path) -> None:
     """With workers, to which blocks of rounds are pickled by the names of the installed package."""
     script = [sys.executable, str(site / "bin" / "pacman-env")]
@@ -174,15 +168,6 @@ def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_pat
     assert "written: results/numbers.json, results/numbers.png" in out
     found = {path.name for path in (tmp_path / "results").iterdir()}
     assert found == {"numbers.json", "numbers.parts", "numbers.png", "report.html", "report.parts"}
-
-
-@pytest.mark.parametrize("command", [["train", "--quick", "--help"], ["tune", "--help"]])
-def test_installed_command_shows_help_of_training(site: Path, tmp_path: Path, command: list[str]) -> None:
-    """Hyperparameters are read before the help is shown."""
-    pytest.importorskip("torch")
-    pytest.importorskip("optuna")
-    out = run(sys.executable, str(site / "bin" / "pacman-env"), *command, cwd=tmp_path, site=site)
-    assert out.startswith(f"usage: pacman-env {command[0]} ")
 
 
 @pytest.mark.daily

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -164,13 +163,6 @@ def test_example_plugin_plays_in_pettingzoo(example: None) -> None:
         assert set(observations["pacman"]) == {"compass", "action_mask"}
         actions = {agent: env.action_space(agent).sample(observations[agent]["action_mask"]) for agent in env.agents}
         observations, *_ = env.step(actions)
-
-
-def test_example_policy_plays_a_ghost(example: None) -> None:
-    env = gym.make("pacman_env/PacManBot-v1", ghosts=["wander", make_policy("shy")], settings=QUICK)
-    env.reset(seed=0)
-    for _ in range(10):
-        env.step(0)
 
 
 def test_example_ghost_waits_ahead_of_robot(example: None) -> None:

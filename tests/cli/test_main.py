@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env import __version__, files
+from pacman_env import __version__
 from pacman_env.cli.main import main
 from pacman_env.config import PRESETS
 from pacman_env.world.maps import occupancy
@@ -40,18 +40,6 @@ def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> No
     report = json.loads(capsys.readouterr().out)
     assert report["home"] == [1.5, -0.5]
     assert [(p["id"], p["x"], p["reachable"]) for p in report["pellets"]] == [(0, 0.0, True), (1, 1.0, True)]
-
-
-@pytest.mark.parametrize(
-    ("library", "command", "extra"), [("pygame", "play", "render"), ("torch", "train --quick", "train")]
-)
-def test_missing_library_of_command_is_named_with_extra(
-    library: str, command: str, extra: str, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., None]
-) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
-    for name in [name for name in sys.modules if name.startswith("pacman_env.training")]:
-        monkeypatch.delitem(sys.modules, name)
-    refused(main, command.split(), f"needs {library}: {files.install_command(extra)}")
 
 
 def test_play_without_screen_ends_with_one_line() -> None:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.sim.observation.planner_features import planner_features
 from tests.envs.cases import SMALL
 from tests.envs.helpers import make_vector, same
@@ -55,19 +54,6 @@ def test_copies_of_robots_at_walls_continue_alike(preset: str) -> None:
         travelled = np.hypot(env.batch.games["x"] - before["x"], env.batch.games["y"] - before["y"])
         assert deepest_contact(env.batch) > 0.0
     assert (travelled < 0.5 * 0.5 * forwards[0, 0]).any()  # half of what the wheels turn
-
-
-def test_copies_of_threads_continue_alike() -> None:
-    settings = {"decisions.when": "event", "reward.progress": 0.5}
-    env = PacManBotVectorEnv(4, map="house", num_threads=2, settings=settings)
-    env.reset(seed=0)
-    for _ in range(5):
-        env.step(np.full(4, 2))
-    twins = copies(env)
-    assert all(twin.batch.threads.number == env.batch.threads.number for twin in twins)
-    for _ in range(5):
-        expected = env.step(np.full(4, 3))
-        assert all(same(twin.step(np.full(4, 3)), expected) for twin in twins)
 
 
 def test_copied_situation_owns_its_memory() -> None:

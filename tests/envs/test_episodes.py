@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from pacman_env.config import Config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.game.round import clyde_speed_mps
-from tests.envs.cases import RANGES, SMALL
-from tests.envs.helpers import make, make_vector
+from tests.envs.cases import SMALL
+from tests.envs.helpers import make
 
 
 def nearest_pellet(env: PacManBotEnv) -> int:
@@ -58,24 +57,3 @@ def test_endless_game_ends_at_time_limit_of_round() -> None:
     assert [result[3] for result in results] == [False] * 59 + [True]
     assert results[-1][4]["outcome"] == "timeout"
     assert results[-1][0]["round"][0] == 30.0
-
-
-@pytest.mark.parametrize("endless", [False, True])
-def test_randomized_values_lie_in_range_and_follow_seed(endless: bool) -> None:
-    settings = {**SMALL, **RANGES, "time_limit_s": 5.0, "endless": endless}
-    names = [key.partition(".")[2] for key in RANGES]
-    infos = make_vector(40, map="maze", settings=settings).reset(seed=100)[1]
-    for key, (low, high) in zip(names, RANGES.values(), strict=True):
-        assert ((low <= infos[key]) & (infos[key] <= high)).all()
-        assert infos[key].std() > 0.1 * (high - low)
-    late = make(map="maze", settings=settings)
-    assert late.reset(seed=9)[1]["speed_mps"] != late.reset()[1]["speed_mps"]
-    _, info = late.reset(seed=100)
-    assert {key: info[key] for key in names} == {key: infos[key][0] for key in names}
-
-
-def test_no_value_is_randomized_by_default() -> None:
-    assert Config().randomize.ranges() == []
-    _, plain = make().reset(seed=0)
-    _, info = make(settings={"randomize.abort_rate": (0.0, 0.2)}).reset(seed=0)
-    assert set(info) - set(plain) == {"abort_rate"}

@@ -9,10 +9,7 @@ import pytest
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.ghosts import Behaviour
 from pacman_env.policies.base import BasePolicy
-from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.planner_features import planner_features
 from pacman_env.sim.observation.situation import Situation
-from tests.envs.cases import SMALL
 from tests.envs.helpers import same
 
 N = 14
@@ -25,21 +22,6 @@ class Patrol(BasePolicy):
 
     def select(self, situation: Situation) -> np.ndarray:
         return (situation.tick // 5 + (situation.seed % 7).astype(np.int64)) % situation.mask.shape[1]
-
-
-def test_planner_features_are_equal_with_threads() -> None:
-    one, many = (
-        PacManBotVectorEnv(N, map="generated", num_threads=n, settings={**SMALL, "num_levels": 2}) for n in (1, 7)
-    )
-    for env in (one, many):
-        env.reset(seed=0)
-    for _ in range(10):
-        features = [planner_features(env.situation, 0.3) for env in (one, many)]
-        assert all(a.tobytes() == b.tobytes() for a, b in zip(*features, strict=True))
-        chosen = [make_policy("lookahead").select(env.situation) for env in (one, many)]
-        np.testing.assert_array_equal(*chosen)
-        one.step(chosen[0])
-        many.step(chosen[0])
 
 
 def _homesick(view, parameters):  # type: ignore[no-untyped-def]

@@ -103,16 +103,6 @@ def test_reset_takes_one_seed_per_game() -> None:
         env.reset(seed=[1, 2])
 
 
-def test_pictures_equal_pictures_of_single_environments() -> None:
-    env, one = make_vector(2, render_mode="rgb_array"), make(render_mode="rgb_array")
-    env.reset(seed=0)
-    one.reset(seed=1)
-    pictures = env.render()
-    assert pictures is not None
-    np.testing.assert_array_equal(pictures[1], one.render())
-    assert make_vector(2).render() is None
-
-
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
 def test_max_episode_steps_cut_like_gymnasium_time_limit(mode: str) -> None:
     arguments: dict[str, Any] = {"map": "loop", "ghosts": "chase", "settings": {"clyde.speed_mps": 0.8}}

@@ -26,14 +26,6 @@ def test_removed_registration_is_restored(monkeypatch: pytest.MonkeyPatch) -> No
     assert gym.spec(ID).entry_point == "pacman_env.envs.pacmanbot:PacManBotEnv"
 
 
-def test_package_import_loads_no_simulator() -> None:
-    heavy = {"gymnasium", "numba", "pymunk", "cv2", "pygame", "torch", "matplotlib"}
-    heavy |= {"pacman_env.sim", "pacman_env.world"}
-    code = f"import sys, pacman_env; print(sorted({heavy} & set(sys.modules)))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "[]"
-
-
 def test_gymnasium_finds_id_by_module() -> None:
     code = f"import gymnasium; print(gymnasium.make('pacman_env:{ID}').spec.id)"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -11,11 +11,8 @@ from gymnasium.vector import AutoresetMode
 
 pytest.importorskip("stable_baselines3")
 
-import torch
-from sb3_contrib import MaskablePPO
-from sb3_contrib.common.maskable.evaluation import evaluate_policy
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecNormalize
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from pacman_env.policies.registry import make_policy
 from pacman_env.sb3 import PacManBotVecEnv
@@ -111,18 +108,6 @@ def test_masks_of_many_games_need_few_calls() -> None:
     np.testing.assert_array_equal(env.env_method("action_masks", indices=[2, 0]), [masks[2], masks[0]])
     np.testing.assert_array_equal([ask() for ask in env.get_attr("action_masks")], masks)
     assert calls_of(lambda: env.env_method("action_masks")) < 30
-
-
-def test_maskable_ppo_learns_without_warning() -> None:
-    torch.set_num_threads(1)  # networks as small as these are quickest on one
-    env = VecNormalize(PacManBotVecEnv(8, settings={**QUICK, "time_limit_s": 6.0}), norm_obs=False)
-    model = MaskablePPO("MultiInputPolicy", env, n_steps=16, batch_size=64, n_epochs=1, seed=0, device="cpu")
-    model.learn(256)
-    assert model.num_timesteps == 256
-    assert len(model.ep_info_buffer) >= 8
-    assert all(0 < episode["l"] <= 12 for episode in model.ep_info_buffer)
-    returns, lengths = evaluate_policy(model, env, n_eval_episodes=8, return_episode_rewards=True)
-    assert len(returns) == len(lengths) >= 8
 
 
 def test_attributes_equal_attributes_of_single_environments() -> None:

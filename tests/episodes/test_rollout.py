@@ -49,8 +49,10 @@ def test_records_and_times_describe_their_rounds() -> None:
     assert (records["time_s"] > 0).all()
 
 
+@pytest.mark.parametrize("when", ["tick", "event"])
 @pytest.mark.parametrize("config", [CONFIG, ENDLESS], ids=["round", "endless"])
-def test_record_is_that_of_a_game_by_hand(config: Config) -> None:
+def test_record_is_that_of_a_game_by_hand(config: Config, when: str) -> None:
+    config = config.with_fields(**{"decisions.when": when})
     batch, policy = GameBatch(map_assets("house", config), config, 1), make_policy("nearest")
     batch.reset(np.arange(1), episode_seeds(5, 1))
     policy.reset(np.ones(1, np.bool_), config)
@@ -58,7 +60,8 @@ def test_record_is_that_of_a_game_by_hand(config: Config) -> None:
     while batch.games["end"][0] == RUNNING:
         batch.step(policy.select(batch.situation()))
         steps += round(batch.elapsed_s[0] / config.physics_step_s)
-    record, game = (played_endless("nearest") if config.endless else played("nearest")[0])[0], batch.games[0]
+    played_alone, _ = play(map_assets("house", config), config, "nearest", episode_seeds(5, 1))
+    record, game = played_alone[0], batch.games[0]
     assert record["end"] == game["end"]
     assert record["collected"] == game["score" if config.endless else "collected"]
     assert record["rounds"] == (game["round"] - 1 if config.endless else game["collected"] == game["spawned"])
@@ -99,16 +102,6 @@ def test_forbidden_choice_becomes_hold() -> None:
     assert taken.tolist() == [batch.hold, 2, batch.hold, batch.hold, batch.hold]
 
 
-def test_endless_record_counts_all_rounds() -> None:
-    records = played_endless("nearest")
-    np.testing.assert_array_equal(records["seed"], episode_seeds(5, 8))
-    rounds, spawned = records["rounds"], records["spawned"]
-    assert rounds.max() > 1
-    assert (records["collected"] >= rounds * spawned).all()
-    assert (records["collected"] < (rounds + 1) * spawned).all()
-    assert set(records["end"]) <= {DEAD, CLEARED, TIMEOUT}
-
-
 def test_endless_game_stops_after_most_rounds() -> None:
     config = ENDLESS.with_fields(
         **{"execution.pickup_radius_m": 50.0, "clyde.speed_mps": 0.0, "clyde.speed_step_mps": 0.0}
@@ -131,6 +124,16 @@ def test_only_stateless_policies_skip_ended_games(kind: type[Watcher]) -> None:
     records, _ = play_in(GameBatch(source, config, 4), policy, episode_seeds(5, 4), timed=False)
     np.testing.assert_array_equal(records, play(source, config, "nearest", episode_seeds(5, 12))[0][:4])
     assert set(policy.asked) == {4} if kind is WithState else {1, 4} <= set(policy.asked)
+
+
+def test_events_ask_less_often_than_ticks() -> None:
+    asked = {}
+    for when in ("tick", "event"):
+        config, policy = CONFIG.with_fields(**{"decisions.when": when, "clyde.speed_mps": 0.3}), Watcher()
+        records, _ = play(map_assets("house", config), config, policy, episode_seeds(5, 4))
+        asked[when] = sum(policy.asked) * config.execution.tick_s / records["time_s"].sum()
+    assert asked["tick"] >= 1.0
+    assert asked["event"] < 0.6
 
 
 def test_policy_that_chooses_no_candidate_is_refused() -> None:

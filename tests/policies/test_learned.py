@@ -3,7 +3,6 @@
 import copy
 import hashlib
 import json
-import pickle
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -69,14 +68,6 @@ def test_reasons_are_probabilities_value_and_features(path: Path) -> None:
             assert reason["path_robot"] == candidates[i, c, CANDIDATE_FEATURES.index("path_robot")]
             assert len(reason) > 6
             assert all(type(value) in (float, bool, str) for value in reason.values())
-
-
-@pytest.mark.parametrize("how", [copy.deepcopy, lambda planner: pickle.loads(pickle.dumps(planner))])
-def test_copy_decides_alike(how: Callable[[LearnedPlanner], LearnedPlanner], path: Path) -> None:
-    planner, situation = LearnedPlanner(path), random_situation(5, 20)
-    copied = how(planner)
-    assert copied.name == planner.name
-    np.testing.assert_array_equal(copied.scores(situation), planner.scores(situation))
 
 
 def test_threads_change_nothing(path: Path) -> None:

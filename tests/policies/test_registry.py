@@ -1,6 +1,4 @@
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +6,7 @@ import pytest
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import PRETRAINED
-from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, register_policy, split_ghosts
+from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, split_ghosts
 from tests.policies.contract import PolicyContract
 
 
@@ -63,24 +61,6 @@ def test_learned_clyde_is_no_robot_policy() -> None:
 
 def test_parameters_reach_the_policy() -> None:
     assert make_policy("nearest", replan_margin_m=1.5).replan_margin_m == 1.5  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize(("name", "offered"), [("nearst", "nearest"), ("search:alne", "search:alone"), ("x", "ppo")])
-def test_unknown_name_is_answered_with_known_ones(name: str, offered: str) -> None:
-    with pytest.raises(ValueError, match=f"unknown policy '{name}': .*{offered}"):
-        make_policy(name)
-
-
-def test_name_is_registered_once() -> None:
-    with pytest.raises(ValueError, match="'nearest' is registered already"):
-        register_policy("nearest", lambda: make_policy("random_pellet"))
-
-
-def test_registry_imports_neither_torch_nor_environments() -> None:
-    above = "{'torch', 'rclpy', 'pymunk', 'pacman_env.envs.pacmanbot', 'pacman_env.envs.pacmanbot_vector'}"
-    code = f"import sys, pacman_env.policies.registry; print({above} & set(sys.modules))"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert out.stdout.strip() == "set()"
 
 
 def test_suffix_of_planner_file_is_read_in_any_case(tmp_path: Path) -> None:

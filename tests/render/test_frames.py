@@ -97,15 +97,6 @@ def test_game_of_a_batch_looks_like_single_game() -> None:
     np.testing.assert_array_equal(render_frame(many, 2), render_frame(one, 0))
 
 
-def test_rendering_changes_no_game() -> None:
-    batch = games(n=2)
-    batch.step(np.zeros(2, dtype=np.int64))
-    arrays = batch.games, batch.alive, batch.paths, batch.obstacles
-    before = [array.tobytes() for array in arrays]
-    render_frame(batch, 1)
-    assert [array.tobytes() for array in arrays] == before
-
-
 def test_pac_man_has_place_and_size_of_robot() -> None:
     batch = games(config=make_config("ideal"))
     batch.alive[:] = False

@@ -192,24 +192,6 @@ def test_command_writes_best_file_and_names_it(tmp_path: Path, capsys: pytest.Ca
     assert f"pacman-env train --config {tmp_path / 'study' / 'best.yaml'}" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--section", "none"], "tiny.yaml: no section 'none'"),
-        (["--resume"], "trials.jsonl: no study to resume"),
-        (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
-    ],
-)
-def test_errors_end_with_one_line_and_status_2(
-    options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["--config", str(section(tmp_path)), "--out", str(tmp_path / "study"), *options]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("pacman-env tune: ")
-    assert message in told
-    assert told.count("\n") == 1
-
-
 def test_numbers_out_of_range_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="trials = 0: Expected `int` >= 1"):
         settings(tmp_path, trials=0)

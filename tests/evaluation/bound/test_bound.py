@@ -53,14 +53,6 @@ def test_bound_prints_table_and_writes_reproducible_file(
     assert all(seconds is not None for seconds in fast["caught_s"])
 
 
-@pytest.mark.parametrize("setting", ["power.pellets=1", "endless=true", "randomize.speed_mps=0.2,0.3"])
-def test_games_that_the_bound_does_not_know_are_refused(
-    corridor: str, capsys: pytest.CaptureFixture[str], setting: str
-) -> None:
-    assert main(["--map", corridor, "--set", setting]) != 0
-    assert setting.partition("=")[0] in capsys.readouterr().err
-
-
 def test_starts_equal_starts_of_simulated_games() -> None:
     assets, config, seeds = assets_of("ring"), config_of(), episode_seeds(3, 4)
     batch = GameBatch(assets, config, 4)

@@ -50,25 +50,3 @@ def test_options_change_configuration_of_game(tmp_path: Path) -> None:
     assert config["time_limit_s"] == 120.0
     # every goal is aborted, and as built each abort loses the pellet
     assert result["rows"][0]["aborts_mean"] >= result["rows"][0]["lost_mean"] > 0
-
-
-def test_several_levels_count_as_one_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--levels", "test", "--num-levels", "2", "--policies", "clyde_aware", "nearest", "--time-limit", "20"]
-    result = comparison(tmp_path / "out.json", *options)
-    (about,), rows = result["maps"], result["rows"]
-    assert (about["name"], about["start_level"], about["num_levels"]) == ("generated:test", 1_000_000, 2)
-    assert [(row["map"], row["levels"]) for row in rows] == [("generated:test", 2)] * 2
-    assert rows[0]["outcomes"]["level"] == rows[1]["outcomes"]["level"]
-    assert set(rows[0]["outcomes"]["level"]) == {1_000_000, 1_000_001}
-    assert "pellets on 2 levels, Clyde at 0.25 m/s, 8 episodes" in capsys.readouterr().out
-
-
-def test_endless_games_are_compared_by_pellets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ghosts = ["--set", "clyde.ghosts=wander,chase"]
-    result = comparison(tmp_path / "out.json", "--endless", "--policies", "clyde_aware", "nearest", *ghosts)
-    first, second = result["rows"]
-    assert first["kind"] == second["kind"] == "endless"
-    assert second["paired_difference"] == pytest.approx(second["pellets_mean"] - first["pellets_mean"])
-    assert result["config"]["clyde"]["ghosts"] == ["wander", "chase"]
-    assert "pellets per game" in capsys.readouterr().out
-    assert (tmp_path / "out.png").is_file()

@@ -19,7 +19,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import HOLD
-from tests.policies.contract import PolicyContract, random_situation
+from tests.policies.contract import PolicyContract
 from tests.sim.coarse.games import config_of, situation_of
 
 
@@ -76,17 +76,6 @@ def test_belief_decides_whether_to_search(believed: str, searched: bool) -> None
     situation = replace(situation, belief=belief)
     scores = policy_for("policy", behaviours="belief").scores(situation)
     assert np.array_equal(scores, make_policy("ppo").scores(situation)) != searched
-
-
-def test_each_situation_is_searched_on_its_own() -> None:
-    situation = situation_of(config_of("chase"), 2)
-    belief = np.zeros_like(situation.belief)
-    belief[0, 0, BELIEVED.index("chase")] = belief[1, 0, BELIEVED.index("wander")] = 1.0
-    situation = replace(situation, belief=belief)
-    policy = policy_for("chase", behaviours="belief")
-    together = policy.scores(situation)
-    for i in range(2):
-        np.testing.assert_array_equal(together[i], policy.scores(situation.rows(np.array([i])))[0])
 
 
 def test_seed_decides_the_futures() -> None:
@@ -171,9 +160,3 @@ def test_bad_parameters_are_named(parameters: dict[str, Any]) -> None:
         Search(**parameters)
     with pytest.raises(TypeError, match="width"):
         Search(width=3)
-
-
-def test_situation_without_maps_is_refused() -> None:
-    situation = replace(random_situation(0, 1), maps=None)
-    with pytest.raises(ValueError, match="no maps"):
-        policy_for("chase").scores(situation)

@@ -106,16 +106,6 @@ def test_configuration_without_a_house_is_refused() -> None:
         prepare_level(0, make_config(**{"pellets.spacing_m": 50.0}))
 
 
-def test_copy_has_the_same_levels() -> None:
-    maps = GeneratedMaps(CONFIG, 5, 9)
-    home = maps.first.grid.home
-    other = pickle.loads(pickle.dumps(maps))
-    seeds = np.arange(100, dtype=np.uint64)
-    np.testing.assert_array_equal(other.levels_of(seeds), maps.levels_of(seeds))
-    np.testing.assert_array_equal(other.first.grid.home, home)
-    assert other.extent() == maps.extent()
-
-
 def test_wide_house_has_cells_twice_as_long() -> None:
     wide = prepare_level(5, make_config(**{"pellets.spacing_m": 4.0}), WIDE)
     plain = prepare_level(5, CONFIG)

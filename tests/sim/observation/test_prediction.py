@@ -117,11 +117,6 @@ def test_last_direction_of_a_ghost_counts() -> None:
     assert coming.mean() < leaving.mean() - 0.3
 
 
-def test_situation_without_maps_is_refused() -> None:
-    with pytest.raises(ValueError, match="no maps"):
-        encounters(replace(batch_of("loop", n=1).situation(), maps=None), SPEED)
-
-
 @pytest.mark.parametrize("off", [0.0, 0.8, 1.6, 2.4, 3.1])
 @pytest.mark.parametrize("v", [0.0, 0.28])
 def test_start_takes_as_long_as_expected(off: float, v: float) -> None:

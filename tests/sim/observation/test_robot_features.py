@@ -165,8 +165,3 @@ def test_short_lengths_use_half_the_range() -> None:
 
 def test_time_is_its_share_of_the_limit() -> None:
     assert scaled_by(ALL_COLUMNS["round"], LIMIT_S, np.array([[300.0, 0.0]], np.float32))[0, 0] == 0.5
-
-
-def test_unit_without_a_scale_is_an_error() -> None:
-    with pytest.raises(KeyError):
-        unit_scale((("mass", 0.0, 1.0, "kg"),), LIMIT_S)

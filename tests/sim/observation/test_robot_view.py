@@ -10,6 +10,7 @@ from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import Place
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.heuristics.search.search import Search
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -120,6 +121,12 @@ def test_robot_sees_and_chooses_like_the_simulator(source: str, seed: int) -> No
     assert counts["ticks"] > 20
     assert counts["collected"] > 0
     assert counts["same_cell"] > 0.9 * counts["ticks"]
+
+
+@pytest.mark.parametrize("behaviour", ["chase", "arcade"])
+def test_search_on_robot_chooses_like_in_simulator(behaviour: str) -> None:
+    changes = {"clyde.ghosts": (behaviour,)}
+    assert play("house", 1, [Search(nodes=1000)], 80, **changes)["collected"] > 0
 
 
 def test_robot_matches_simulator_despite_aborts_and_fast_ghosts() -> None:
