@@ -148,9 +148,9 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
 @pytest.mark.parametrize(
     ("code", "said", "unneeded"),
     [
-        ("import pacman_env", "", "gymnasium torch numba cv2 pymunk onnxruntime rclpy matplotlib"),
+        ("import pacman_env", "", "gymnasium torch numba cv2 pymunk onnxruntime rclpy matplotlib pygame"),
         ("import pacman_env, gymnasium; print('pacman_env/PacManBot-v1' in gymnasium.registry)", "True", "torch numba"),
-        ("import pacman_env; print('ppo' in pacman_env.policy_names())", "True", "onnxruntime"),
+        ("import pacman_env; print('ppo' in pacman_env.policy_names())", "True", "onnxruntime torch pymunk rclpy"),
         *((f"from pacman_env import {name}", "", "gymnasium pettingzoo torch") for name in LIGHT),
         (
             "import pacman_env; [getattr(pacman_env, name) for name in pacman_env.__all__]",

@@ -66,7 +66,7 @@ def test_command_runs_in_another_thread() -> None:
 
 @pytest.mark.parametrize(
     ("module", "extra"),
-    [("ray", "ray"), ("ray.exceptions", "ray"), ("action_msgs", "ros"), ("rclpy", "ros"), ("tqdm", "eval")],
+    [("ray.exceptions", "ray"), ("action_msgs", "ros"), ("tqdm", "eval"), ("pygame", "render"), ("torch", "train")],
 )
 def test_error_names_extra_that_installs_missing_module(
     module: str, extra: str, capsys: pytest.CaptureFixture[str]

@@ -67,10 +67,9 @@ def test_lowest_bit_is_found() -> None:
     assert [lowest(np.uint64(value)) for value in (1, 2, 12, 2**15, 2**63)] == [0, 1, 2, 15, 63]
 
 
-@pytest.mark.parametrize("command", ["warm-up", "map check house", "compare"])
-def test_commands_refuse_to_run_without_compiler(command: str) -> None:
+def test_command_refuses_to_run_without_compiler() -> None:
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"}
-    run = [sys.executable, "-m", "pacman_env.cli.main", *command.split()]
+    run = [sys.executable, "-m", "pacman_env.cli.main", "warm-up"]
     done = subprocess.run(run, env=environment, capture_output=True, text=True, timeout=300)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert "NUMBA_DISABLE_JIT" in done.stderr

@@ -8,20 +8,9 @@ import pytest
 
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.game.ghosts import Behaviour
-from pacman_env.policies.base import BasePolicy
-from pacman_env.sim.observation.situation import Situation
 from tests.envs.helpers import same
 
 N = 14
-
-
-class Patrol(BasePolicy):
-    """Sends its ghost to a place that time and seed tell."""
-
-    name = "patrol"
-
-    def select(self, situation: Situation) -> np.ndarray:
-        return (situation.tick // 5 + (situation.seed % 7).astype(np.int64)) % situation.mask.shape[1]
 
 
 def _homesick(view, parameters):  # type: ignore[no-untyped-def]
@@ -34,7 +23,7 @@ HOMESICK = Behaviour("homesick", _homesick, (0.6,))
 
 
 @pytest.mark.parametrize(
-    ("threads", "ghosts"), [(1, [f"{__name__}:HOMESICK"]), (7, ["chase", Patrol(), f"{__name__}:HOMESICK"])]
+    ("threads", "ghosts"), [(1, [f"{__name__}:HOMESICK"]), (7, ["chase", "nearest", f"{__name__}:HOMESICK"])]
 )
 def test_error_of_ghost_function_is_raised(threads: int, ghosts: list[Any]) -> None:
     settings = {"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6}

@@ -32,13 +32,6 @@ def play_round(env: PacManBotEnv, policy_name: str, seed: int | None = None) -> 
     return steps
 
 
-def test_environment_takes_map_preset_and_rules() -> None:
-    env = make(map="maze", preset="ideal", settings={"execution.rules": "as_built"})
-    assert env.batch.assets.occupancy.name == "maze"
-    assert env.config == make_config("ideal", "as_built")
-    assert env.action_space == gym.spaces.Discrete(env.batch.assets.pellets + env.batch.assets.refuges + 1)
-
-
 @pytest.mark.parametrize("source", [str, Path, load_map], ids=["string", "path", "loaded"])
 def test_map_may_be_a_name_file_or_object(source: Callable[[Path], Any]) -> None:
     other = make(map=source(MAPS / "loop.yaml"))

@@ -39,7 +39,6 @@ WRONG: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
             ({"level": 3}, r"options\['level'\]: levels are for map='generated'"),
             ({"settings": [1]}, r"options\['settings'\] = \[1\]: must be values by the dotted names"),
             ({"settings": {"clyde.sped": 1}}, r"clyde.sped"),
-            ({"settings": {"clyde.speed_mps": -1}}, r"clyde.speed_mps"),
             ({"settings": {"action": "velocity"}}, r"options\['settings'\]: action would change the spaces"),
             ({"settings": {"max_pellets": 40}}, r"options\['settings'\]: max_pellets would change the spaces"),
         )

@@ -11,7 +11,6 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
-from tests.episodes.watcher import Watcher
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 
 
@@ -110,6 +109,18 @@ def test_endless_game_stops_after_most_rounds() -> None:
     assert records["rounds"].tolist() == [MOST_ROUNDS] * 3
     assert records["end"].tolist() == [COMPLETE] * 3
     np.testing.assert_allclose(records["time_s"], MOST_ROUNDS * config.execution.tick_s)
+
+
+class Watcher(Nearest):
+    """Nearest, and of how many games it was asked each time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked: list[int] = []
+
+    def select(self, situation: Situation) -> NDArray[np.int64]:
+        self.asked.append(len(situation))
+        return super().select(situation)
 
 
 class WithState(Watcher):

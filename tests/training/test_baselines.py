@@ -63,7 +63,6 @@ def test_baseline_does_not_normalize_images() -> None:
         ({"hyperparameters": {"gamma": 1.5}}, r"hyperparameters\.gamma = 1\.5: Expected `float` <= 1"),
         ({"hyperparameters": {"learning_rate": 1e-3}}, r"hyperparameters\.learning_rate = 0\.001: Expected `array`"),
         ({"hyperparameters": {"batch_size": 1}}, r"hyperparameters\.batch_size = 1: leaves a minibatch of 1"),
-        ({"environment": {"mapp": "loop"}}, r"environment: Object contains unknown field `mapp`"),
         ({"environment": {"observation": ["smell"]}}, "environment: observation = .*smell"),
         ({"environment": {"settings": {"clyde.colour": 1}}}, "environment: .*clyde.colour"),
         ({"environment": DRIVING}, "learner = 'maskable_ppo': must be ppo where actions are velocities"),

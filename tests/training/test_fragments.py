@@ -130,11 +130,6 @@ def test_another_seed_plays_other_rounds() -> None:
     games.close()
 
 
-def test_empty_list_of_games_is_refused() -> None:
-    with pytest.raises(ValueError, match="no games to play"):
-        Collector([], InProcess())
-
-
 def test_network_copy_has_same_weights_without_drawing_numbers() -> None:
     model = PPO(ARGUMENTS.hyper, 3, dropped_features=(4,), dropped_kinds=(1,)).network
     torch.manual_seed(0)

@@ -2,7 +2,6 @@
 
 import copy
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from tqdm import tqdm
 from pacman_env.executors.base import InThreads
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training import ppo
-from pacman_env.training.checkpoint import load_network, restore, save_checkpoint
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.games import make_parts
@@ -97,9 +95,8 @@ def learned(threads: int, monkeypatch: pytest.MonkeyPatch, **sizes: Any) -> tupl
     return model, kept[0]
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_threads_do_not_change_a_bit(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    (one, kept), (other, same) = learned(1, monkeypatch), learned(threads, monkeypatch)
+def test_threads_do_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    (one, kept), (other, same) = learned(1, monkeypatch), learned(3, monkeypatch)
     for a, b in zip(kept.situations, same.situations, strict=True):
         assert torch.equal(a, b)
     assert torch.equal(kept.returns, same.returns)
@@ -169,23 +166,6 @@ def test_choices_are_drawn_with_probabilities_of_network() -> None:
     odds[order] = logits.softmax(dim=1)[0].numpy()
     assert 0.05 < odds.max() < 0.95
     np.testing.assert_allclose(np.bincount(actions, minlength=len(odds)) / 20000, odds, atol=0.02)
-
-
-def test_restored_checkpoint_learns_on_identically(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sizes = {"dropped_kinds": (1,), "dropped_features": (4, 5)}
-    model, _ = learned(1, monkeypatch, **sizes)
-    save_checkpoint(tmp_path / "run.zip", model.network, model.optimizer)
-    loaded = PPO(HYPER, 6, **sizes)
-    restore(tmp_path / "run.zip", loaded.network, loaded.optimizer)
-    loaded.decisions = model.decisions
-    for found in (loaded.network, load_network(tmp_path / "run.zip")):
-        assert found.dropped_kinds == (1,)
-        assert all(torch.equal(v, found.state_dict()[k]) for k, v in model.network.state_dict().items())
-    for one in (model, loaded):
-        torch.manual_seed(0)
-        one.learn(games(), HYPER.rollout, 4, NO_BAR)
-    assert torch.equal(loaded.network.judge.weight, model.network.judge.weight)
-    assert not torch.equal(load_network(tmp_path / "run.zip").judge.weight, model.network.judge.weight)
 
 
 def test_rollout_figures_are_logged(monkeypatch: pytest.MonkeyPatch) -> None:

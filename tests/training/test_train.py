@@ -124,12 +124,9 @@ def test_ablated_planner_drops_only_its_features_and_kinds(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--preset", "none"], "unknown preset 'none'"),
-        (["--execution", "none"], "unknown execution 'none'"),
         (["--clyde-speed", "0.6", "0.2"], r"randomize.clyde_speed_mps = (0.6, 0.2)"),
         (["--levels", "1000000"], "levels = 1000000: there are 900000 to train on"),
         (["--resume"], "run.json: no run to resume"),
-        (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["--config", "bad.yaml"], "bad.yaml: cannot be read"),  # an error of several lines
         (["--learning-rate", "1e30", "1e30"], "the training has diverged"),
         (["--device", "abacus"], "device = 'abacus': must be cpu or cuda, or cuda:N"),

@@ -100,32 +100,24 @@ def test_factory_is_described_by_its_source_and_policy(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize(
-    ("name", "made"),
-    [("of_partial", "functools.partial(POLICIES.find('nearest'))"), ("of_child", "type('Own', (Child,), {})")],
+    "made", ["functools.partial(POLICIES.find('nearest'))", "type('Own', (Child,), {})", "Behaviour('mine', target)"]
 )
-def test_helper_of_any_policy_is_described(
-    name: str, made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_helper_of_any_policy_or_ghost_is_described(made: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(tmp_path)
-    helper = tmp_path / f"helper_{name}.py"
-    helper.write_text("from pacman_env.policies.registry import *\nclass Child(LearnedPlanner): pass\n")
+    name = f"of_{made.partition('(')[0].rpartition('.')[2]}"
+    helper, spec = tmp_path / f"helper_{name}.py", f"{name}:MINE"
+    helper.write_text(
+        "from pacman_env.policies.registry import *\nfrom pacman_env.game.ghosts import Behaviour\n"
+        "class Child(LearnedPlanner): pass\ndef target(view, parameters): return view.robot_x, view.robot_y\n"
+    )
     (tmp_path / f"{name}.py").write_text(f"import functools\nfrom helper_{name} import *\nMINE = {made}\n")
-    policy = make_policy(f"{name}:MINE")
-    before = kept.describe_policy(policy, f"{name}:MINE")
-    helper.write_text(helper.read_text() + "CHANGED = True\n")
-    assert kept.describe_policy(policy, f"{name}:MINE") != before
-
-
-def test_ghost_is_described_by_all_its_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(tmp_path)
-    helper, ghost = tmp_path / "ghost_target.py", tmp_path / "ghost_of_mine.py"
-    helper.write_text("def target(view, parameters):\n    return view.robot_x, view.robot_y\n")
-    ghost.write_text("import ghost_target as t, pacman_env.game.ghosts as g\nGHOST = g.Behaviour('mine', t.target)\n")
-    described = [kept.describe_ghost("ghost_of_mine:GHOST")]
-    for path in (helper, ghost):
-        path.write_text(path.read_text() + "# changed\n")
-        described.append(kept.describe_ghost("ghost_of_mine:GHOST"))
-    assert len(set(map(str, described))) == 3
+    is_ghost = made.startswith("Behaviour")
+    described = []
+    for _ in range(2):
+        described.append(kept.describe_ghost(spec) if is_ghost else kept.describe_policy(make_policy(spec), spec))
+        helper.write_text(helper.read_text() + "CHANGED = True\n")
+    assert None not in described
+    assert described[0] != described[1]
     assert kept.describe_ghost("chase") is None
 
 
@@ -159,7 +151,7 @@ def test_kept_rounds_are_ignored_without_resume(
     assert "6/6" in capsys.readouterr().err
     assert main([*words, "--parts", "results/compare.parts", "--json", "other.json"]) == 0
     told = capsys.readouterr().err
-    assert told.startswith("1 parts in results/compare.parts are played again: without --resume\n")
+    assert "1 parts in results/compare.parts are played again: without --resume\n" in told
     assert "6/6" in told
     assert main([*words, "--parts", "results/compare.parts", "--json", "resumed.json", "--resume"]) == 0
     assert "6 of 6 episodes are taken over from results/compare.parts, 0 are played" in capsys.readouterr().err

@@ -72,16 +72,6 @@ def test_standing_ghost_catches_nobody_far_away() -> None:
     assert (seen["hunted_caught"][hold] == 0).all()
 
 
-@pytest.mark.parametrize("ghosts", [("chase",), ("wander", "chase"), ("arcade", "chase", "wander", "chase")])
-def test_outlook_is_the_same_alone(ghosts: tuple[str, ...]) -> None:
-    situation = sure(situation_of(config_of(*ghosts), 6), *ghosts)
-    together = planner_features(situation, SPEED)
-    for i in range(len(situation)):
-        alone = planner_features(situation.rows(np.array([i])), SPEED)
-        for one, all_of_them in zip(alone, together, strict=True):
-            np.testing.assert_array_equal(one[0], all_of_them[i])
-
-
 def test_order_of_ghosts_does_not_matter() -> None:
     ghosts = ("chase", "wander")
     situation = sure(situation_of(config_of(*ghosts), 6), *ghosts)

@@ -167,12 +167,6 @@ def test_dropping_it_ends_the_threads(cycle: bool) -> None:
     wait_for(lambda: len(workers()) == before)
 
 
-def test_no_threads_and_no_levels_are_refused() -> None:
-    for arguments in ({"threads": 0}, {"most": 0}):
-        with pytest.raises(ValueError, match="at least 1"):
-            LevelsAhead(Source(), **arguments)
-
-
 def run(script: str, **options: object) -> subprocess.CompletedProcess[str]:
     head = """
 import os, signal, sys, threading, time

@@ -133,19 +133,6 @@ def test_all_steps_are_tried_far_from_goal() -> None:
     assert length_cm[-1] == UNREACHABLE_CM - 1
 
 
-def test_field_is_computed_once_per_goal() -> None:
-    free, cost = random_map(5, 0.9)
-    cell = numbered(free)[1]
-    fields = PathFields(cell, navfn_weights(cost, cell), RESOLUTION)
-    goals = [3, len(cell) - 1, 3, 120]
-    found = [fields.to(goal) for goal in goals]
-    assert found[2][0] is found[0][0]
-    for goal, (length_cm, next_step) in zip(goals, found, strict=True):
-        alone = field(free, cost, goal)
-        np.testing.assert_array_equal(length_cm, alone[0])
-        np.testing.assert_array_equal(next_step, alone[1])
-
-
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6))
 def test_neighbour_table_holds_allowed_steps(seed: int) -> None:
