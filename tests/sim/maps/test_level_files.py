@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from pacman_env.cli.warm_up import _prepare_houses
@@ -20,6 +19,7 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level import COARSE_MAP, COARSE_STEPS, Level
 from pacman_env.sim.maps.level_files import LevelFiles
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps, prepare_level
+from tests.envs import helpers
 
 CONFIG = make_config()
 
@@ -61,16 +61,12 @@ def everything(level: Level) -> dict[str, Any]:
     steps = level.find(COARSE_STEPS)
     assert steps is not None
     found = {name: array for name, array in level.arrays.items() if name != "later"}
-    return found | steps.arrays | {f"coarse {k}": v for k, v in add_coarse_map(level).arrays.items()}
+    found |= steps.arrays | {f"coarse {k}": v for k, v in add_coarse_map(level).arrays.items()}
+    return found | {"facts": level.facts, "walls": level.walls}
 
 
 def same(one: Level, other: Level) -> bool:
-    arrays, others = everything(one), everything(other)
-    assert arrays.keys() == others.keys()
-    equal = all(
-        array.dtype == others[name].dtype and np.array_equal(array, others[name]) for name, array in arrays.items()
-    )
-    return equal and one.facts == other.facts and np.array_equal(one.walls, other.walls)
+    return helpers.same(everything(one), everything(other))
 
 
 @pytest.mark.parametrize(("level", "scale"), [(TEST_LEVEL + 1, 1), (5, 2)])

@@ -314,21 +314,6 @@ def test_save_refuses_what_cannot_be_read_again(tmp_path: Path) -> None:
     assert os.listdir(tmp_path) == []
 
 
-def test_interrupted_save_keeps_the_old_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    old = OccupancyMap.from_pixels("m", np.full((2, 2), 254, np.uint8), 0.1, (0.0, 0.0, 0.0))
-    old.save(tmp_path / "a.yaml")
-
-    def fail(*_: object) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr(os, "replace", fail)
-    new = OccupancyMap.from_pixels("m", np.zeros((2, 2), np.uint8), 0.1, (0.0, 0.0, 0.0))
-    with pytest.raises(OSError, match="disk full"):
-        new.save(tmp_path / "a.yaml")
-    assert sorted(os.listdir(tmp_path)) == ["a.pgm", "a.yaml"]
-    assert load_map(tmp_path / "a.yaml").hash == old.hash
-
-
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
 def test_far_map_is_refused_with_valid_origin(yaw: float) -> None:
     free = np.full((40, 60), 254, np.uint8)
