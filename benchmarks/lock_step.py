@@ -31,10 +31,10 @@ class Game(NamedTuple):
 
 def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
     """Play games in a row with the same nodes; raises RuntimeError if a node fails or a game does not end."""
+    from benchmarks.transcript import Transcript
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
     from pacman_env.ros.lock_step.game import LockStepGame
-    from pacman_env.ros.lock_step.transcript import Transcript
     from pacman_env.ros.node import BaseNode
     from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
 

@@ -60,10 +60,14 @@ class Game(session.Session):
     def frozen(self, name: str) -> Iterator[None]:
         """Have a node stand still meanwhile, until it ends and is started again."""
         restarts, since_s = len(self.nodes.restarts), self.now_s
-        self.nodes.freeze_node(name)
+        member = self.member(name)
+        self.nodes.freeze(member)
         yield
         self.advance(since_s + FROZEN_S - self.now_s)
-        self.nodes.thaw_node(name)
+        member.node.status = STOOD_STILL
+        member.inbox.clear()
+        self.nodes.thaw(member)
+        self.within(lambda: None, member.node)  # a node with a status ends after its callback
         assert [one[1:] for one in self.nodes.restarts[restarts:]] == [(name, STOOD_STILL)]
         self.wait_for(lambda: self.nodes.member(name), RESTART_S + 0.1, f"{name} to be there")
 

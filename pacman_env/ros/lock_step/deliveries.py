@@ -18,9 +18,7 @@ from ..rclpy_private import expire_goals, has_goals
 from ..topics import CLOCK
 from . import entities
 from .entities import ACTION, Index
-from .losses import MessageLosses
 from .members import Delivery, Member
-from .surroundings import SimulatedWall
 from .watchdog import Watchdog
 
 MOST_DELIVERIES = 100_000  # most deliveries in one step
@@ -41,12 +39,9 @@ class Deliveries:
     real time.
     """
 
-    def __init__(
-        self, members: list[Member], wall: SimulatedWall, losses: MessageLosses, silence_s: float, ended: _Ended
-    ) -> None:
-        self._members, self._wall, self._losses, self._ended = members, wall, losses, ended
+    def __init__(self, members: list[Member], silence_s: float, ended: _Ended) -> None:
+        self._members, self._ended = members, ended
         self.witnesses: list[Callable[[Delivery], None]] = []  # called with each delivery before its handling
-        self.observed: defaultdict[str, list[tuple[Member, Callable[[Any], None]]]] = defaultdict(list)
         self._changed = True  # True if entities have changed since the index was built
         self.watchdog = Watchdog(silence_s)
         self.queue: deque[Delivery] = deque()
@@ -100,8 +95,6 @@ class Deliveries:
 
     def _request(self, client: Client, call: Callable[[Any], Any], request: Any) -> Any:
         name = self.index.name_of(client)
-        for member, callback in self.observed.get(name, ()):
-            self.queue.append(Delivery(member, callback, name, request, partial(callback, request), self._turn))
         answer = call(request)
         for member, service in self.index.services[name]:
             self._take(member, service)
@@ -146,9 +139,7 @@ class Deliveries:
                 self._put_taken(member, server, {"expired": expired})
 
     def _put_taken(self, member: Member, entity: Any, item: Any) -> None:
-        delivery = self.index.delivery(member, entity, item, self._turn)
-        if not self._losses.holds(delivery, self._wall.now_s):
-            self.put(delivery)
+        self.put(self.index.delivery(member, entity, item, self._turn))
 
     def put(self, delivery: Delivery) -> None:
         if delivery.member.frozen_s is not None:
@@ -197,7 +188,6 @@ class Deliveries:
 
     def forget(self, member: Member) -> None:
         self.queue = deque(one for one in self.queue if one.member is not member)
-        self._losses.forget(member)
         for publisher in member.node.publishers:
             self._latched.pop(publisher, None)
 

@@ -9,7 +9,6 @@ from typing import Any
 from rclpy.action import ActionClient, ActionServer
 from rclpy.client import Client
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -65,10 +64,7 @@ class Index:
         if isinstance(entity, Client):
             return Delivery(member, entity, name, item[1], partial(_answer, member, entity, *item), sender)
         handle = partial(call, member, entity.callback, *(item[:1] if takes_message_alone(entity) else item))
-        qos = entity.qos_profile
-        reliable = qos.reliability != ReliabilityPolicy.BEST_EFFORT
-        latched = qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
-        return Delivery(member, entity, name, item[0], handle, sender, qos.depth, reliable, latched)
+        return Delivery(member, entity, name, item[0], handle, sender, entity.qos_profile.depth)
 
 
 def message(sub: Subscription) -> Any:

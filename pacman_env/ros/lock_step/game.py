@@ -6,7 +6,6 @@ from typing import Any
 
 from ..node import BAD_START, BaseNode, node_class
 from ..nodes.wait_for_amcl_pose import FOUND
-from ..standstill import DEFAULT_LEASE_S, STOOD_STILL
 from ..supervisor import game_nodes
 from ..supervisor.game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..topics import Service
@@ -49,9 +48,9 @@ class LockStepGame(LockStep):
         return self.add(node_class(name), self.setup.command(name)[1:])
 
     def join(self, make: Callable[[], BaseNode]) -> Any:
-        """Add a node that ``make`` creates to the game's namespace, without message losses, and return it."""
+        """Add a node that ``make`` creates to the game's namespace, and return it."""
         arguments = ["--ros-args", "-r", f"__ns:={self.namespace}", "-p", "use_sim_time:=true"]
-        return self.add(make, arguments, loses=False).node
+        return self.add(make, arguments).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
         """Call a service from a joined node and return the answer; NodeFailed after ``limit_s`` of simulated time."""
@@ -67,22 +66,6 @@ class LockStepGame(LockStep):
         if (member := self.member(name)) is not None:
             self.remove(member, last_messages=False)
             self._start_again(name, None)
-
-    def freeze_node(self, name: str) -> None:
-        if (member := self.member(name)) is not None and member.frozen_s is None:
-            self.freeze(member)
-
-    def thaw_node(self, name: str) -> None:
-        """Let a frozen node continue; after more than the middleware's lease it ends and is restarted."""
-        member = self.member(name)
-        if member is None or member.frozen_s is None:
-            return
-        if self.wall.now_s - member.frozen_s > DEFAULT_LEASE_S:
-            member.node.status = STOOD_STILL
-            member.inbox.clear()
-        self.thaw(member)
-        if member.node.status is not None:
-            self._end(member)
 
     def ended(self, member: Member) -> None:
         if member.name == WAIT:

@@ -56,8 +56,6 @@ class Delivery:
     handle: Callable[[], object]  # the node's handling of the content
     sender: Member | None  # None if it came from outside
     depth: int = 1000  # most deliveries that wait for the entity; the newest stay
-    reliable: bool = True  # True if a lossy network delivers it later
-    latched: bool = False  # True if it is delivered even after a long loss
 
 
 @dataclass(eq=False)
@@ -66,7 +64,6 @@ class Member:
     number: int  # counts all starts
     node: BaseNode
     executor: NodeExecutor
-    loses: bool = True  # losses also affect its messages
     ending: bool = False  # True while it sends its last messages, and afterwards
     present: bool = True  # False once it was killed or has ended
     frozen_s: float | None = None  # start of a freeze, s of the game's wall clock; None if it runs

@@ -16,7 +16,6 @@ from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from .deliveries import Deliveries
 from .entities import call
-from .losses import MessageLosses
 from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
@@ -27,7 +26,7 @@ SILENCE_S = 60.0  # real time, the longest duration of a callback
 class LockStep:
     """Run nodes in this process and step their simulated time.
 
-    ``seed`` decides message losses and all random numbers of the nodes. ``domain`` is the ROS domain; None: the domain
+    ``seed`` decides all random numbers of the nodes. ``domain`` is the ROS domain; None: the domain
     that the environment variable sets. The process ends if a callback takes ``silence_s`` of real time. If ``alone``,
     the nodes discover no other process.
     """
@@ -41,18 +40,17 @@ class LockStep:
         with undiscovered() if alone else contextlib.nullcontext():
             rclpy.init(args=arguments, context=self.context, domain_id=domain, signal_handler_options=signals)
         self.wall = SimulatedWall(seed)
-        self.losses = MessageLosses(seed)
         self.members: list[Member] = []
-        self.messages = Deliveries(self.members, self.wall, self.losses, silence_s, self._end)
+        self.messages = Deliveries(self.members, silence_s, self._end)
         self.step_ns = STEP_NS  # step of the simulated robot, if there is one
         self._alone = alone
         self._started = 0
         self._closed = False
 
-    def add(self, make: Callable[[], BaseNode], arguments: list[str], loses: bool = True) -> Member:
+    def add(self, make: Callable[[], BaseNode], arguments: list[str]) -> Member:
         """Create a node with ROS arguments ``--ros-args ...``; latched messages reach it before this returns.
 
-        Losses affect the node if ``loses``. Raises NodeFailed, and the exceptions of ``make``.
+        Raises NodeFailed, and the exceptions of ``make``.
         """
         self._started += 1
         surroundings = LockStepSurroundings(self, self._started, arguments, self._alone)
@@ -61,7 +59,7 @@ class LockStep:
             for service in node.services:  # rclpy creates the lifecycle services unwatched
                 self.messages.watch(service)
         executor = NodeExecutor(self.context, self.messages.entities_changed)
-        member = Member(node.get_name(), self._started, node, executor, loses)
+        member = Member(node.get_name(), self._started, node, executor)
         node.executor = executor
         self.step_ns = getattr(node, "step_ns", self.step_ns)
         self.members.append(member)
@@ -75,10 +73,6 @@ class LockStep:
         subscriptions = subscribe()
         self.messages.join(self._member_of(node), earlier)
         return subscriptions
-
-    def observe_requests(self, node: BaseNode, service: str, callback: Callable[[Any], None]) -> None:
-        """Copy all requests to a service (absolute name) to a node, including requests that the fault model drops."""
-        self.messages.observed[service].append((self._member_of(node), callback))
 
     def member(self, name: str) -> Member | None:
         return next((one for one in self.members if one.name == name and one.present), None)
@@ -134,8 +128,6 @@ class LockStep:
     def step(self) -> None:
         """Advance time by one step of the simulated robot and handle everything; raises NodeFailed."""
         self.wall.advance(self.step_ns)
-        for delivery in self.losses.due(self.wall.now_s):
-            self.messages.put(delivery)
         self.messages.drain()
         robot = next((one for one in self.members if hasattr(one.node, "step")), None)
         if robot is not None and robot.frozen_s is None:

@@ -7,13 +7,14 @@ from pathlib import Path
 import rclpy
 from rclpy.context import Context
 
+from benchmarks.transcript import Transcript
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import RESTART_S
 from pacman_env.ros.lock_step.stepper import LockStep
-from pacman_env.ros.lock_step.transcript import Transcript
 from tests.map_parts import part_of_map
 from tests.ros import session
-from tests.ros.session import Observer, Session
+from tests.ros.lock_step.losses import MessageLosses
+from tests.ros.session import Observer
 
 SHOWS = ("show.start_s=1.0", "show.death_s=1.0")
 
@@ -88,7 +89,7 @@ def test_killed_robot_comes_back_as_one_node_after_restart(domain: int, tmp_path
             assert game.observer.get_node_names().count("sim_robot") == 1
 
 
-def test_joined_node_loses_no_packets(domain: int, tmp_path: Path) -> None:
+def test_spared_node_loses_no_packets(domain: int, tmp_path: Path) -> None:
     with session.game(tmp_path) as game:
         beside = game.game.join(Observer)
         counts = {"joined": 0, "robot's": 0}
@@ -100,27 +101,11 @@ def test_joined_node_loses_no_packets(domain: int, tmp_path: Path) -> None:
         game.game.subscribe(
             game.observer, lambda: topics.ODOMETRY.subscription(game.observer, lambda _: count("robot's"))
         )
-        game.game.losses.begin("sim_robot", 50.0, game.now_s)
+        losses = MessageLosses(game.game, 0, *(one for one in game.game.members if one.node is beside))
+        losses.begin("sim_robot", 50.0)
         game.advance(20.0)
         assert counts["joined"] == 400
         assert 150 < counts["robot's"] < 250
-
-
-def test_request_is_observed_in_order_without_server(nodes: Session) -> None:
-    heard: list[str] = []
-    game, observer = nodes.game, nodes.observer
-    topics.GAME_EVENT.subscription(observer, lambda message: heard.append(message.data))
-    game.observe_requests(observer, f"{session.NAMESPACE}/game/start", lambda request: heard.append("start"))
-    client = topics.START_GAME.client(observer)
-    event = topics.GAME_EVENT.publisher(observer)
-
-    def do() -> None:
-        event.publish(topics.GAME_EVENT.type(data="before"))
-        client.call_async(topics.START_GAME.type.Request())
-        event.publish(topics.GAME_EVENT.type(data="after"))
-
-    game.within(observer, do)
-    assert heard == ["before", "start", "after"]
 
 
 def test_nodes_alone_meet_no_other_process(domain: int) -> None:

@@ -12,12 +12,12 @@ import pytest
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step import deliveries
 from pacman_env.ros.lock_step.deliveries import NodeFailed
-from pacman_env.ros.lock_step.losses import HEARTBEAT_S
 from pacman_env.ros.lock_step.members import Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.lock_step.watchdog import SILENT
 from pacman_env.ros.node import BaseNode
 from tests.ros import session
+from tests.ros.lock_step.losses import HEARTBEAT_S, MessageLosses
 from tests.ros.session import Session
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -124,20 +124,21 @@ def test_message_for_destroyed_entity_is_lost(nodes: Session) -> None:
     assert leaver.handled == ["before"]  # type: ignore[attr-defined]
 
 
-def lossy(nodes: Session, percent: float, count: int) -> Member:
+def lossy(nodes: Session, percent: float, count: int, seed: int = 0) -> tuple[Member, MessageLosses]:
     """An echo that loses so many per cent of so many events and odometry messages, one of each in a step."""
     member = nodes.start("echo", Echo)
-    nodes.game.losses.begin("echo", percent, nodes.now_s)
+    losses = MessageLosses(nodes.game, seed)
+    losses.begin("echo", percent)
     for number in range(count):
         nodes.publish(SENSOR, SENSOR.type(child_frame_id=str(number)))
         nodes.publish(RELIABLE, str(number))
         nodes.advance(0.05)
-    return member
+    return member, losses
 
 
 def test_lost_reliable_messages_come_later_in_order(nodes: Session) -> None:
-    member = lossy(nodes, 50, 9)
-    nodes.game.losses.end("echo", nodes.now_s)
+    member, losses = lossy(nodes, 50, 9)
+    losses.end("echo")
     nodes.advance(HEARTBEAT_S + 0.1)
     words = [value for value in member.node.words if isinstance(value, str)]
     assert words == [str(number) for number in range(9)]
@@ -147,11 +148,11 @@ def test_lost_reliable_messages_come_later_in_order(nodes: Session) -> None:
 
 
 def test_only_latched_messages_survive_lease(nodes: Session) -> None:
-    member = lossy(nodes, 100, 3)
+    member, losses = lossy(nodes, 100, 3)
     nodes.publish(LATCHED, "running")
     nodes.advance(21.0)
     assert member.node.handled == []
-    nodes.game.losses.end("echo", nodes.now_s)
+    losses.end("echo")
     nodes.advance(HEARTBEAT_S + 0.1)
     assert member.node.words == ["running"]
 
@@ -159,7 +160,7 @@ def test_only_latched_messages_survive_lease(nodes: Session) -> None:
 def test_same_seed_loses_same_packets(domain: int, tmp_path: Path) -> None:
     def lost(seed: int) -> list[Any]:
         with session.nodes(tmp_path, seed) as found:
-            member = lossy(found, 50, 20)
+            member, _ = lossy(found, 50, 20, seed)
             return [(at, value if isinstance(value, str) else "odometry") for at, value in member.node.handled]
 
     first, again, other = lost(1), lost(1), lost(2)

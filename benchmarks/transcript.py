@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from .members import Delivery
-from .stepper import LockStep
+from pacman_env.ros.lock_step.members import Delivery
+from pacman_env.ros.lock_step.stepper import LockStep
 
 
 class Transcript:

@@ -8,9 +8,14 @@ its waiting messages are lost unless latched.
 import random
 from collections import defaultdict, deque
 from dataclasses import dataclass
+from typing import Any
 
-from ..standstill import DEFAULT_LEASE_S
-from .members import Delivery, Member
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from pacman_env.ros.lock_step.members import Delivery, Member
+from pacman_env.ros.lock_step.stepper import LockStep
+from pacman_env.ros.standstill import DEFAULT_LEASE_S
 
 HEARTBEAT_S = 3.0  # Fast DDS's heartbeatPeriod, before a lost message is sent again
 
@@ -20,38 +25,69 @@ class _Loss:
     name: str | None  # name of the affected node; None for all
     share: float
     since_s: float
+    spared: set[Member]
 
     def concerns(self, delivery: Delivery) -> bool:
-        ends = [one for one in (delivery.member, delivery.sender) if one is not None]
-        return all(one.loses for one in ends) and (self.name is None or self.name in {one.name for one in ends})
+        ends = {one for one in (delivery.member, delivery.sender) if one is not None}
+        return not ends & self.spared and (self.name is None or self.name in {one.name for one in ends})
+
+
+def _qos(delivery: Delivery) -> Any:
+    return delivery.entity.qos_profile if isinstance(delivery.entity, Subscription) else None
+
+
+def _is_reliable(delivery: Delivery) -> bool:
+    qos = _qos(delivery)
+    return qos is None or qos.reliability != ReliabilityPolicy.BEST_EFFORT
+
+
+def _is_latched(delivery: Delivery) -> bool:
+    qos = _qos(delivery)
+    return qos is not None and qos.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
 class MessageLosses:
-    def __init__(self, seed: int) -> None:
+    """Losses in ``game``, drawn from ``seed``; the messages of the ``spared`` members are never lost."""
+
+    def __init__(self, game: LockStep, seed: int, *spared: Member) -> None:
+        self._game, self._spared = game, set(spared)
+        self._put, self._step = game.messages.put, game.step
+        setattr(game.messages, "put", self._receive)  # noqa: B010
+        setattr(game, "step", self._deliver_and_step)  # noqa: B010
         self._random = random.Random(f"losses {seed}")
         self._losses: list[_Loss] = []
         self._held: defaultdict[object, deque[Delivery]] = defaultdict(deque)  # waiting deliveries by entity, in order
         self._again_s: dict[object, float] = {}  # time of the next attempt, by entity
 
-    def begin(self, name: str | None, percent: float, now_s: float) -> None:
-        """Start losing this percentage of what a node (None for all) sends and receives."""
-        self._losses.append(_Loss(name, percent / 100, now_s))
+    def _receive(self, delivery: Delivery) -> None:
+        if not self._holds(delivery, self._game.wall.now_s):
+            self._put(delivery)
 
-    def end(self, name: str | None, now_s: float) -> None:
+    def _deliver_and_step(self) -> None:
+        for delivery in self._due(self._game.wall.now_s + self._game.step_ns * 1e-9):
+            self._put(delivery)
+        self._step()
+
+    def begin(self, name: str | None, percent: float) -> None:
+        """Start losing this percentage of what a node (None for all) sends and receives."""
+        self._losses.append(_Loss(name, percent / 100, self._game.wall.now_s, self._spared))
+
+    def end(self, name: str | None) -> None:
+        now_s = self._game.wall.now_s
         loss = next(loss for loss in self._losses if loss.name == name)
         self._losses.remove(loss)
         if loss.share >= 1.0 and now_s - loss.since_s > DEFAULT_LEASE_S:
             for entity, waiting in self._held.items():
-                self._held[entity] = deque(one for one in waiting if one.latched or not loss.concerns(one))
+                self._held[entity] = deque(one for one in waiting if _is_latched(one) or not loss.concerns(one))
 
-    def holds(self, delivery: Delivery, now_s: float) -> bool:
+    def _holds(self, delivery: Delivery, now_s: float) -> bool:
         """Return True if a delivery does not arrive now; a reliable one arrives later."""
         if not self._losses and not self._held:
             return False
-        must_wait = bool(self._held.get(delivery.entity)) and delivery.reliable
+        must_wait = bool(self._held.get(delivery.entity)) and _is_reliable(delivery)
         if not must_wait and not self._lost(delivery):
             return False
-        if delivery.reliable:
+        if _is_reliable(delivery):
             waiting = self._held[delivery.entity]
             waiting.append(delivery)
             if len(waiting) > delivery.depth:
@@ -64,7 +100,7 @@ class MessageLosses:
             return False
         return any(loss.concerns(delivery) and self._random.random() < loss.share for loss in self._losses)
 
-    def due(self, now_s: float) -> list[Delivery]:
+    def _due(self, now_s: float) -> list[Delivery]:
         deliveries: list[Delivery] = []
         for entity in [one for one, again_s in self._again_s.items() if again_s <= now_s]:
             waiting = self._held[entity]
@@ -75,8 +111,3 @@ class MessageLosses:
             else:
                 del self._held[entity], self._again_s[entity]
         return deliveries
-
-    def forget(self, member: Member) -> None:
-        for entity in [one for one, waiting in self._held.items() if any(each.member is member for each in waiting)]:
-            del self._held[entity]
-            self._again_s.pop(entity, None)
