@@ -46,7 +46,7 @@ class Collector:
         how: How = "drawn",
         on_fragment: Callable[[Fragment], object] = lambda fragment: None,
     ) -> list[Fragment]:
-        """Play the next ``steps`` decisions in each game; return the fragments by part, valid until the next call."""
+        """Play the next ``steps`` decisions in each game; return the fragments by part."""
         network = network if next(network.parameters()).device.type == "cpu" else copy.deepcopy(network)
         first = np.cumsum([0, *(part.games for part in self.parts)]).tolist()
         since_reset = self._played - self._first

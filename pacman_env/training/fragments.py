@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pacman_env.policies.base import Policy
 from pacman_env.sb3 import Observation
 from pacman_env.training.games import Ending, Games, Part, PlannerGames
-from pacman_env.training.network import EntityNetwork, PackedSituations, SituationMemory
+from pacman_env.training.network import EntityNetwork, PackedSituations, joined
 
 #: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]
@@ -87,7 +87,7 @@ def check(numbers: torch.Tensor) -> None:
 
 
 def play(task: Task) -> Fragment:
-    """Play a fragment; the part's next fragment in this process overwrites its arrays."""
+    """Play a fragment, in games that this process has kept or restores."""
     use_device("cpu")
     running = _RUNNING.begin(task)
     games, observation = running.games, running.observation
@@ -101,11 +101,11 @@ def play(task: Task) -> Fragment:
     slots, log_probs = [], []
     endings: list[Ending] = []
     agreed = 0.0
-    met = running.memory(task.steps)
+    met: list[PackedSituations] = []
     for t in range(task.steps):
         labels = games.choices() if isinstance(games, PlannerGames) and task.how != "drawn" else None
         choices, actions = choose(task.network, observation, generator)
-        met.add(choices.situations)
+        met.append(choices.situations)
         if labels is None:
             slots.append(choices.slots)
         else:
@@ -119,7 +119,7 @@ def play(task: Task) -> Fragment:
     values[-1] = choose(task.network, observation)[0].values.numpy()
     running.observation = observation
     return Fragment(
-        tuple(array.numpy() for array in met.situations()),
+        tuple(array.numpy() for array in joined(met)),
         torch.cat(slots).numpy(),
         torch.cat(log_probs).numpy(),
         values,
@@ -143,15 +143,6 @@ class _RunningPart:
         if task.state is None:
             self.observation = self.games.reset(task.games_seed)
         self.number = task.number
-        self._met: SituationMemory | None = None
-
-    def memory(self, steps: int) -> SituationMemory:
-        """Return empty memory for the situations of a fragment, allocated once."""
-        room = steps * self.games.num_envs
-        if self._met is None or self._met.room != room:
-            self._met = SituationMemory(room)
-        self._met.clear()
-        return self._met
 
     def state(self) -> bytes:
         file = io.BytesIO()

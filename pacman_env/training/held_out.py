@@ -16,7 +16,6 @@ from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.level import Level
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.fragments import use_device
@@ -30,14 +29,7 @@ _ROUNDS = 64  # rounds of a task; another number would change the rounding of ne
 class _CachedLevels(GeneratedMaps):
     """Levels that stay prepared between batches."""
 
-    def __init__(self, config: Config, start_level: int, num_levels: int) -> None:
-        super().__init__(config, start_level, num_levels)
-        self._cached: dict[int, Level] = {}
-
-    def prepare(self, level: int) -> Level:
-        if level not in self._cached:
-            self._cached[level] = super().prepare(level)
-        return self._cached[level]
+    prepare = functools.cache(GeneratedMaps.prepare)  # type: ignore[assignment]
 
 
 @functools.cache

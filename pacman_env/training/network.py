@@ -7,7 +7,7 @@ depends on its own encoding and the pooled context.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -45,30 +45,9 @@ class PackedSituations(NamedTuple):
         return PackedSituations(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
 
 
-class SituationMemory:
-    """Memory for consecutive situations, allocated once: repeated allocation of large blocks is slow."""
-
-    def __init__(self, room: int) -> None:
-        self.room, self._count = room, 0
-        self._all: PackedSituations | None = None
-
-    def clear(self) -> None:
-        self._count = 0
-
-    def add(self, part: PackedSituations) -> None:
-        if self._all is None:
-            self._all = PackedSituations(
-                *(torch.empty(self.room, *a.shape[1:], dtype=a.dtype, device=a.device) for a in part)
-            )
-        last = self._count + len(part.counts)
-        for array, new in zip(self._all, part, strict=True):
-            array[self._count : last] = new
-        self._count = last
-
-    def situations(self) -> PackedSituations:
-        """Return all situations without a copy."""
-        assert self._all is not None, "no situations were met"
-        return PackedSituations(*(array[: self._count] for array in self._all))
+def joined(parts: Iterable[PackedSituations]) -> PackedSituations:
+    """Return the situations of all parts, one after the other."""
+    return PackedSituations(*map(torch.cat, zip(*parts, strict=True)))
 
 
 class _Maximum(torch.autograd.Function):

@@ -26,7 +26,7 @@ from pacman_env.training.arguments import Hyperparameters
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, check
 from pacman_env.training.games import Ending
-from pacman_env.training.network import EntityNetwork, PackedSituations, SituationMemory
+from pacman_env.training.network import EntityNetwork, PackedSituations, joined
 
 #: Maps the rows of a chunk to its part of the minibatch's loss and of the metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
@@ -64,10 +64,9 @@ class PPO:
         """Run PPO for at least ``decisions`` more decisions, in new rounds of the games drawn from ``seed``."""
         first, start_s = self.decisions, time.perf_counter()
         games.reset(seed)
-        memory = SituationMemory(self.hyper.n_steps * games.num_envs)
         outcomes: list[str] = []
         while self.decisions < first + decisions:
-            rollout, endings = self.collect(games, memory, bar)
+            rollout, endings = self.collect(games, bar)
             self.decisions += len(rollout.returns)
             self._last_endings.extend(endings)
             outcomes += [ending.outcome for ending in endings]
@@ -84,20 +83,19 @@ class PPO:
             self.logger.dump(self.decisions)
             self.update(rollout)
 
-    def collect(self, games: Collector, memory: SituationMemory, bar: Any) -> tuple[Rollout, list[Ending]]:
-        """Play ``n_steps`` decisions in each game; return the rollout, in ``memory``, and the rounds that ended."""
+    def collect(self, games: Collector, bar: Any) -> tuple[Rollout, list[Ending]]:
+        """Play ``n_steps`` decisions in each game; return the rollout and the rounds that ended."""
         hyper = self.hyper
         fragments = games.play(self.network, hyper.n_steps, on_fragment=lambda part: bar.update(len(part.slots)))
-        memory.clear()
         rows: list[tuple[torch.Tensor, ...]] = []
         for part in fragments:
-            memory.add(PackedSituations(*(tensor(array).to(self.device) for array in part.situations)))
             values = tensor(part.values)
             gae = advantages(tensor(part.rewards), values, tensor(part.dones).float(), hyper.gamma, hyper.gae_lambda)
             flat = (values[:-1], gae, gae + values[:-1])
             rows.append((tensor(part.slots), tensor(part.log_probs), *(array.flatten() for array in flat)))
-        joined = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
-        return Rollout(memory.situations(), *joined), [ending for part in fragments for ending in part.endings]
+        whole = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
+        situations = joined(_situations(part, self.device) for part in fragments)
+        return Rollout(situations, *whole), [ending for part in fragments for ending in part.endings]
 
     def update(self, rollout: Rollout) -> None:
         """Update the network with the rollout for some epochs; raises FloatingPointError if a loss is not finite."""
@@ -202,20 +200,24 @@ def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, se
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
-    memory, labels = SituationMemory(_ROUNDS * steps * games.num_envs), list[_Labels]()
+    met, labels = list[PackedSituations](), list[_Labels]()
     games.reset(games_seed)
     for number in range(_ROUNDS):
         parts = games.play(model.network, steps, "labelled" if number > 0 else "taught")
         for fragment in parts:
-            memory.add(PackedSituations(*(tensor(array).to(model.device) for array in fragment.situations)))
+            met.append(_situations(fragment, model.device))
             labels.append(_labels(model, fragment))
-        _fit(model, optimizer, memory.situations(), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
+        _fit(model, optimizer, joined(met), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
     return {"agreement": float(np.average([one.agreed for one in parts], weights=[len(one.slots) for one in parts]))}
 
 
 def _labels(model: PPO, fragment: Fragment) -> _Labels:
     returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
     return _Labels(*(tensor(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid)))
+
+
+def _situations(fragment: Fragment, device: str) -> PackedSituations:
+    return PackedSituations(*(tensor(array).to(device) for array in fragment.situations))
 
 
 def tensor(array: NDArray[Any]) -> torch.Tensor:

@@ -43,11 +43,6 @@ class ClydeCells:
         return self.graph[:, :_AT_LANDMARKS]
 
     @property
-    def landmark(self) -> NDArray[np.int32]:
-        """Cost to each landmark of the cell's part (K, 6)."""
-        return self.graph[:, _AT_LANDMARKS:_AT_PIXEL]
-
-    @property
     def pixel(self) -> NDArray[np.int32]:
         """Column u and row v in the map image (K, 2)."""
         return self.graph[:, _AT_PIXEL:]

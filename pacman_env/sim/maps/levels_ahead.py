@@ -10,7 +10,6 @@ import weakref
 from collections.abc import Iterable
 from concurrent.futures import Future
 from queue import SimpleQueue
-from typing import Any
 
 from .level import Level
 from .level_source import LevelSource
@@ -21,8 +20,8 @@ _WAIT_S = 10.0  # wait for the current level at interpreter exit: do not kill a 
 class LevelsAhead:
     """Queue of requested levels, which stores at most ``most``.
 
-    Threads start with the first level and end with :meth:`close`, the last reference or the process. A forked child
-    starts its own threads and has none of its parent's levels.
+    Threads start with the first level and end with the last reference or the process. A forked child starts its own
+    threads and has none of its parent's levels.
     """
 
     def __init__(self, source: LevelSource, threads: int = 1, most: int = 64) -> None:
@@ -37,12 +36,6 @@ class LevelsAhead:
         self._asked: collections.OrderedDict[int, Future[Level]] = collections.OrderedDict()
         self._workers = _Workers()
         self._end = weakref.finalize(self, self._workers.stop)
-
-    def __getstate__(self) -> tuple[Any, ...]:
-        return self._source, self._threads, self._most
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        self.__init__(*state)  # type: ignore[misc]
 
     def ask(self, levels: Iterable[int]) -> None:
         """Request levels; beyond ``most``, the last new ones are ignored and the oldest stored ones are dropped."""
@@ -76,16 +69,6 @@ class LevelsAhead:
             with self._lock:
                 if future.done() and self._asked.get(level) is future:
                     del self._asked[level]
-
-    def close(self) -> None:
-        """Drop all levels and wait for the threads to end; later requests start new threads."""
-        workers = self._workers
-        with self._lock:
-            while self._asked:
-                self._asked.popitem()[1].cancel()
-        self._end()
-        self._begin()
-        workers.join()
 
 
 class _Workers:
@@ -124,10 +107,9 @@ class _Workers:
         for _ in self._threads:
             self.jobs.put(None)
 
-    def join(self, timeout_s: float | None = None) -> None:
+    def join(self) -> None:
         for thread in self._threads:
-            if thread is not threading.current_thread():
-                thread.join(timeout_s)
+            thread.join(_WAIT_S)
 
 
 _all: weakref.WeakSet[LevelsAhead] = weakref.WeakSet()
@@ -138,7 +120,7 @@ _held: list[threading.RLock] = []  # locks held while this process forks
 def _end_all() -> None:
     for workers in list(_working):
         workers.stop()
-        workers.join(_WAIT_S)
+        workers.join()
 
 
 def _hold_all() -> None:
