@@ -7,7 +7,6 @@ bit for bit equal to games of :func:`pacman_env.episodes.rollout.play` with the 
 import argparse
 import base64
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -272,7 +271,3 @@ def _write(out: Path, games: Sequence[RecordedGame], title: str, theme: Theme) -
         video = base64.b64encode(path.read_bytes()).decode()
     text = render("replay.html.j2", title=title, video=video, games=games)
     write_text(out, text)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

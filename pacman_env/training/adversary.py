@@ -38,9 +38,8 @@ from pacman_env.training.arguments import Arguments as GameArguments
 from pacman_env.training.checkpoint import facts_path, load_network, read_facts, restore
 from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.facts import facts_of
 from pacman_env.training.fragments import use_device
-from pacman_env.training.games import Part, make_ghost_parts, make_parts
+from pacman_env.training.games import Part, facts_of, make_ghost_parts, make_parts
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO, imitate

@@ -89,7 +89,7 @@ def check(numbers: torch.Tensor) -> None:
 def play(task: Task) -> Fragment:
     """Play a fragment, in games that this process has kept or restores."""
     use_device("cpu")
-    running = _RUNNING.begin(task)
+    running = _begin(task)
     games, observation = running.games, running.observation
     generator = torch.Generator().manual_seed(task.seed) if task.how == "drawn" else None
     if task.how != "drawn":
@@ -127,7 +127,7 @@ def play(task: Task) -> Fragment:
         dones,
         endings,
         agreed,
-        _RUNNING.end(task, running),
+        _end(task, running),
     )
 
 
@@ -170,36 +170,30 @@ class _Unpickler(pickle.Unpickler):
         return self._policies[pid]
 
 
-class _Running:
-    """Games that this worker process keeps between tasks; games of another learner replace them."""
-
-    def __init__(self) -> None:
-        self._parts: dict[tuple[int, int], _RunningPart] = {}
-        self._lock = threading.Lock()
-
-    def begin(self, task: Task) -> _RunningPart:
-        with self._lock:
-            self._parts = {key: part for key, part in self._parts.items() if key[0] == task.key[0]}
-            part = self._parts.pop(task.key, None)
-        return part if part is not None and part.number == task.number else _RunningPart(task)
-
-    def end(self, task: Task, part: _RunningPart) -> bytes:
-        part.number = task.number + 1
-        with self._lock:
-            self._parts[task.key] = part
-        return part.state()
-
-    def forget(self) -> None:
-        with self._lock:
-            self._parts.clear()
+#: Games that this worker process keeps between tasks; games of another learner replace them.
+_KEPT: dict[tuple[int, int], _RunningPart] = {}
+_LOCK = threading.Lock()
 
 
-_RUNNING = _Running()
+def _begin(task: Task) -> _RunningPart:
+    with _LOCK:
+        for key in [key for key in _KEPT if key[0] != task.key[0]]:
+            del _KEPT[key]
+        part = _KEPT.pop(task.key, None)
+    return part if part is not None and part.number == task.number else _RunningPart(task)
+
+
+def _end(task: Task, part: _RunningPart) -> bytes:
+    part.number = task.number + 1
+    with _LOCK:
+        _KEPT[task.key] = part
+    return part.state()
 
 
 def forget() -> None:
     """Close the games that this process keeps."""
-    _RUNNING.forget()
+    with _LOCK:
+        _KEPT.clear()
 
 
 @functools.cache

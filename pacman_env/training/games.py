@@ -22,11 +22,13 @@ from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.episodes.rollout import allowed
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.policies.base import Policy
+from pacman_env.policies.metadata import Training
 from pacman_env.policies.opponents import BehaviourOpponent
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.level_source import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import Facts
 from pacman_env.training.lineups import (
     LEARNED,
     SUB_BATCHES,
@@ -70,6 +72,21 @@ def game_settings(arguments: Arguments) -> dict[str, Any]:
         "reward.timeout": hyper.timeout,
         **(_DOMAIN if arguments.randomize else {}),
     }
+
+
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
+    """Return the facts of a network after ``decisions`` decisions; ``metrics`` by name."""
+    training = Training(
+        clyde_speeds_mps=arguments.hyper.clyde_speed,
+        robot_speeds_mps=arguments.hyper.robot_speed,
+        levels=f"generated:train below {VALIDATION_LEVEL}",
+        preset=arguments.preset,
+        execution=arguments.execution,
+        decisions=decisions,
+        seed=arguments.seed,
+        ghosts=arguments.hyper.ghosts,
+    )
+    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
 def lineup_settings(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> dict[str, Any]:

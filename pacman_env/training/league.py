@@ -23,8 +23,7 @@ from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.facts import facts_of
-from pacman_env.training.games import make_ghost_parts
+from pacman_env.training.games import facts_of, make_ghost_parts
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO
 

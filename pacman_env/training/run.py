@@ -10,7 +10,7 @@ from pacman_env.config.validation import located
 from pacman_env.files import write_json
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.facts import facts_of
+from pacman_env.training.games import facts_of
 from pacman_env.training.league import League, Record
 from pacman_env.training.ppo import PPO
 

@@ -205,7 +205,3 @@ def _report(
 def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
     kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
     return tqdm(total=decisions, initial=done, disable=not shown, **kind)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

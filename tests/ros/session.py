@@ -18,10 +18,11 @@ from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
 from pacman_env.ros.lock_step.game import LockStepGame
-from pacman_env.ros.lock_step.members import Member
+from pacman_env.ros.lock_step.members import Delivery, Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode, node_class
 from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
+from tests.ros.lock_step.losses import depth_of
 from tests.ros.records import Records
 
 NAMESPACE = "/robot_15"
@@ -69,6 +70,7 @@ class Session(Records):
         super().__init__()
         self.game, self.folder = game, folder
         self._publishers: dict[str, Any] = {}
+        self._inboxes: dict[Member, list[Delivery]] = {}  # of frozen nodes
         self.observer: Observer = game.add(Observer, self._arguments()).node
         options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
         # It is no member: lines of a log have the wall's time.
@@ -109,6 +111,28 @@ class Session(Records):
     def kill(self, name: str) -> None:
         """End a node without its last messages."""
         self.game.remove(self.member(name), last_messages=False)
+
+    def freeze(self, member: Member) -> None:
+        """Stop running the node; its messages wait, as many as its queues hold."""
+        put, inbox = self.game.messages.put, self._inboxes.setdefault(member, [])
+
+        def keep(delivery: Delivery) -> None:
+            if delivery.member is not member or member not in self._inboxes:
+                put(delivery)
+                return
+            inbox.append(delivery)
+            waiting = [one for one in inbox if one.entity is delivery.entity]
+            if len(waiting) > depth_of(delivery):
+                inbox.remove(waiting[0])
+
+        setattr(self.game.messages, "put", keep)  # noqa: B010
+        member.present = False
+
+    def thaw(self, member: Member, *, forget: bool = False) -> None:
+        """Run a frozen node again, without its waiting messages if they are to be forgotten."""
+        inbox = self._inboxes.pop(member)
+        member.present = True
+        self.game.messages.queue.extend([] if forget else inbox)
 
     # What nodes publish
 

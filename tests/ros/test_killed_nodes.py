@@ -61,12 +61,11 @@ class Game(session.Session):
         """Have a node stand still meanwhile, until it ends and is started again."""
         restarts, since_s = len(self.nodes.restarts), self.now_s
         member = self.member(name)
-        self.nodes.freeze(member)
+        self.freeze(member)
         yield
         self.advance(since_s + FROZEN_S - self.now_s)
         member.node.status = STOOD_STILL
-        member.inbox.clear()
-        self.nodes.thaw(member)
+        self.thaw(member, forget=True)
         self.within(lambda: None, member.node)  # a node with a status ends after its callback
         assert [one[1:] for one in self.nodes.restarts[restarts:]] == [(name, STOOD_STILL)]
         self.wait_for(lambda: self.nodes.member(name), RESTART_S + 0.1, f"{name} to be there")

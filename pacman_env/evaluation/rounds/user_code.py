@@ -7,7 +7,6 @@ that strings in these modules name. An installed package counts by its list of f
 import ast
 import contextlib
 import functools
-import glob
 import hashlib
 import importlib.util
 import os
@@ -23,7 +22,7 @@ _MOST_MODULES = 200  # 1 to 2 s
 _MOST_FOLDERS = 100
 _LARGE = 256 << 20  # bytes; a larger file counts by size and time of change
 _REFERENCE = re.compile(r"([^\W\d]\w*(?:\.\w+)*):\w+")  # another policy, as in make_policy("module:Class")
-_PATTERN = re.compile(r".*\*.*\.\w+")  # names such as model_*.pt
+_ENDING = re.compile(r"\.\w+")  # names all files with it, as in with_suffix(".npz") and f"model_{number}.pt"
 
 
 def hash_of_code(*modules: str | None) -> str | None:
@@ -36,10 +35,8 @@ def hash_of_code(*modules: str | None) -> str | None:
     with contextlib.suppress(FileNotFoundError):  # a deleted folder
         folders.append(Path.cwd())
     files = _named_files(sorted(strings), folders)
-    endings = [text for text in strings if re.fullmatch(r"\.\w+", text)]
-    files |= {path.with_suffix(ending) for path in sources.values() for ending in endings}
     lines = [f"{name} {_hash_of_file(path)}" for name, path in sources.items()]
-    lines += [f"{os.path.relpath(path, start)} {_hash_of_file(path)}" for path in files if path.is_file()]
+    lines += [f"{os.path.relpath(path, start)} {_hash_of_file(path)}" for path in files]
     lines += [f"{name} {_installed_files(name)}" for name in packages]
     return hashlib.sha256("\n".join(sorted(lines)).encode(errors="surrogateescape")).hexdigest()
 
@@ -85,7 +82,7 @@ def _locate(name: str) -> tuple[str | None, list[str]]:
 
 
 def _read(tree: ast.AST, package: str) -> tuple[set[str], set[str]]:
-    """Return imported names, which may be modules or their attributes, and all strings; ``*`` stands for values."""
+    """Return imported names, which may be modules or their attributes, and all strings."""
     names, strings = set(), set()
     for node in ast.walk(tree):
         match node:
@@ -96,9 +93,7 @@ def _read(tree: ast.AST, package: str) -> tuple[set[str], set[str]]:
                     module = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
                     names |= {module, *(f"{module}.{alias.name}" for alias in node.names)}
             case ast.Constant(value=str(text)):
-                strings.add(os.path.expanduser(text))
-            case ast.JoinedStr():
-                strings.add("".join(str(part.value) if isinstance(part, ast.Constant) else "*" for part in node.values))
+                strings |= {text := os.path.expanduser(text), os.path.dirname(text)}
     return names | {match[1] for text in strings if (match := _REFERENCE.fullmatch(text))}, strings
 
 
@@ -109,7 +104,7 @@ def _named_files(strings: Iterable[str], roots: Iterable[Path]) -> set[Path]:
     for folder in folders:
         for text in filter(lambda text: text.strip("./"), strings):
             # Stable-Baselines3 adds .zip to names.
-            names = glob.glob(text, root_dir=folder) if _PATTERN.fullmatch(text) else (text, f"{text}.zip")
+            names = Path(folder).glob(f"*{text}") if _ENDING.fullmatch(text) else (text, f"{text}.zip")
             for path in (os.path.normpath(os.path.join(folder, name)) for name in names):
                 if os.path.isfile(path):
                     files.add(Path(path))

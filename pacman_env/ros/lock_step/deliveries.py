@@ -142,10 +142,7 @@ class Deliveries:
         self.put(self.index.delivery(member, entity, item, self._turn))
 
     def put(self, delivery: Delivery) -> None:
-        if delivery.member.frozen_s is not None:
-            delivery.member.keep(delivery)
-        else:
-            self.queue.append(delivery)
+        self.queue.append(delivery)
 
     # New subscriptions
 
@@ -201,9 +198,6 @@ class Deliveries:
             delivery = self.queue.popleft()
             member = delivery.member
             if not member.present:
-                continue
-            if member.frozen_s is not None:
-                member.keep(delivery)
                 continue
             if self.index.destroyed(delivery.entity):
                 continue

@@ -64,7 +64,7 @@ class Index:
         if isinstance(entity, Client):
             return Delivery(member, entity, name, item[1], partial(_answer, member, entity, *item), sender)
         handle = partial(call, member, entity.callback, *(item[:1] if takes_message_alone(entity) else item))
-        return Delivery(member, entity, name, item[0], handle, sender, entity.qos_profile.depth)
+        return Delivery(member, entity, name, item[0], handle, sender)
 
 
 def message(sub: Subscription) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from rclpy.context import Context
@@ -55,7 +55,6 @@ class Delivery:
     content: Any
     handle: Callable[[], object]  # the node's handling of the content
     sender: Member | None  # None if it came from outside
-    depth: int = 1000  # most deliveries that wait for the entity; the newest stay
 
 
 @dataclass(eq=False)
@@ -66,12 +65,3 @@ class Member:
     executor: NodeExecutor
     ending: bool = False  # True while it sends its last messages, and afterwards
     present: bool = True  # False once it was killed or has ended
-    frozen_s: float | None = None  # start of a freeze, s of the game's wall clock; None if it runs
-    inbox: list[Delivery] = field(default_factory=list)  # deliveries during a freeze
-
-    def keep(self, delivery: Delivery) -> None:
-        """Store a delivery for a frozen member, within the depth of the entity."""
-        self.inbox.append(delivery)
-        waiting = [one for one in self.inbox if one.entity is delivery.entity]
-        if len(waiting) > delivery.depth:
-            self.inbox.remove(waiting[0])

@@ -116,26 +116,17 @@ class LockStep:
             self.remove(member, last_messages=False)
         self.context.try_shutdown()
 
-    def freeze(self, member: Member) -> None:
-        """Stop running the node; its messages wait."""
-        member.frozen_s = self.wall.now_s
-
-    def thaw(self, member: Member) -> None:
-        member.frozen_s = None
-        inbox, member.inbox = member.inbox, []
-        self.messages.queue.extend(inbox)
-
     def step(self) -> None:
         """Advance time by one step of the simulated robot and handle everything; raises NodeFailed."""
         self.wall.advance(self.step_ns)
         self.messages.drain()
         robot = next((one for one in self.members if hasattr(one.node, "step")), None)
-        if robot is not None and robot.frozen_s is None:
+        if robot is not None and robot.present:
             self.messages.run(robot, robot.node.step)
             self.messages.expire_goals()
             self.messages.drain()
         for member in self.members[:]:
-            if member.frozen_s is None and member.present:
+            if member.present:
                 self._fire_timers(member)
 
     def _fire_timers(self, member: Member) -> None:
@@ -144,7 +135,7 @@ class LockStep:
                 due = timer.handle.is_timer_ready()
                 if due:
                     timer.handle.call_timer()
-            if due and member.present and member.frozen_s is None:
+            if due and member.present:
                 self.messages.run(member, partial(call, member, timer.callback))
                 self.messages.drain()
 

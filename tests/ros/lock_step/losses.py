@@ -36,6 +36,11 @@ def _qos(delivery: Delivery) -> Any:
     return delivery.entity.qos_profile if isinstance(delivery.entity, Subscription) else None
 
 
+def depth_of(delivery: Delivery) -> int:
+    qos = _qos(delivery)
+    return 1000 if qos is None else int(qos.depth)
+
+
 def _is_reliable(delivery: Delivery) -> bool:
     qos = _qos(delivery)
     return qos is None or qos.reliability != ReliabilityPolicy.BEST_EFFORT
@@ -90,7 +95,7 @@ class MessageLosses:
         if _is_reliable(delivery):
             waiting = self._held[delivery.entity]
             waiting.append(delivery)
-            if len(waiting) > delivery.depth:
+            if len(waiting) > depth_of(delivery):
                 waiting.popleft()
             self._again_s.setdefault(delivery.entity, now_s + HEARTBEAT_S)
         return True

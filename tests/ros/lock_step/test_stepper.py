@@ -86,12 +86,12 @@ def test_late_node_gets_latched_messages_first(nodes: Session) -> None:
 
 def test_frozen_node_gets_what_its_queues_kept(nodes: Session) -> None:
     member = nodes.start("echo", Echo)
-    nodes.game.freeze(member)
+    nodes.freeze(member)
     for number in range(RELIABLE.qos.depth + 3):
         nodes.publish(RELIABLE, str(number))
     nodes.advance(1.0)
     assert member.node.words == []
-    nodes.game.thaw(member)
+    nodes.thaw(member)
     nodes.advance(0.05)
     assert member.node.words == [str(number) for number in range(3, RELIABLE.qos.depth + 3)]
 

@@ -108,9 +108,10 @@ def test_ghost_keeps_speed_when_timer_is_late(nodes: Session) -> None:
     assert np.median(walked(nodes, 8 * PERIOD)) == pytest.approx(0.8 * PERIOD, rel=0.01)
     nodes.forget()
     for _ in range(8):  # it gets no core for a while, again and again
-        nodes.game.freeze(nodes.member(NAME))
+        member = nodes.member(NAME)
+        nodes.freeze(member)
         nodes.advance(2 * PERIOD - 0.05)
-        nodes.game.thaw(nodes.member(NAME))
+        nodes.thaw(member)
         nodes.advance(0.05)
     poses = np.array([pose_of(m)[:2] for m in nodes.messages(topics.CLYDE_POSE)])
     assert len(poses) == 8

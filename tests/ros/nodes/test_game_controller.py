@@ -249,12 +249,13 @@ def test_pellets_reported_before_clock_count(nodes: Session, tmp_path: Path, dom
     referee.tick(100.0)
     file.write_text(json.dumps(a_game(nodes, domain, state=referee.snapshot(100.0))))
     nodes.record(*SAID)
-    nodes.game.freeze(nodes.member(CLOCK))  # there is no clock yet
+    clock = nodes.member(CLOCK)
+    nodes.freeze(clock)  # there is no clock yet
     nodes.start(REFEREE, state_file=file)
     for pellet in (0, 1, 2):
         status(nodes, f"pellet_collected:{pellet}")
     assert not nodes.call(topics.START_GAME).success
-    nodes.game.thaw(nodes.member(CLOCK))
+    nodes.thaw(clock)
     nodes.advance(0.05)
     status(nodes, "game_complete")
     assert [text for text in nodes.values(topics.GAME_RESULT) if text] == ["Complete - Score: 3"]

@@ -47,7 +47,7 @@ def test_new_referee_reports_no_unresponsive_node(referee: Session) -> None:
 
 def test_frozen_pellet_manager_is_reported_until_it_answers(referee: Session, log: Callable[[], str]) -> None:
     manager = referee.start(PELLETS, map_yaml="house")
-    referee.game.freeze(manager)
+    referee.freeze(manager)
     begin(referee)
     referee.advance(CALLS * AGAIN_S - 0.2)
     assert reported(referee) == {}
@@ -56,7 +56,7 @@ def test_frozen_pellet_manager_is_reported_until_it_answers(referee: Session, lo
     assert reported(referee)[CLYDE] == "reset_clyde: no server"
     assert referee.values(topics.GAME_STATE)[-1] == "starting"
     assert referee.values(topics.PELLETS_SPAWNED)[-1] == 0
-    referee.game.thaw(manager)
+    referee.thaw(manager)
     referee.wait_for(lambda: referee.values(topics.GAME_STATE)[-1] == "running", LIMIT_S, "the round")
     referee.wait_for(lambda: PELLETS not in reported(referee), LIMIT_S, "the end of the report")
     assert referee.values(topics.PELLETS_SPAWNED)[-1] == 13
