@@ -29,7 +29,7 @@ _ROUNDS = 64  # rounds of a task; another number would change the rounding of ne
 class _CachedLevels(GeneratedMaps):
     """Levels that stay prepared between batches."""
 
-    prepare = functools.cache(GeneratedMaps.prepare)  # type: ignore[assignment]
+    prepare = functools.cache(GeneratedMaps.prepare)
 
 
 @functools.cache
