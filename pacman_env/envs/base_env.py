@@ -68,9 +68,6 @@ class BaseEnv(Guarded):
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
         return runner
 
-    def _give_up_games(self) -> None:
-        self._runner.begun = False
-
     @property
     @shared
     def situation(self) -> Situation:

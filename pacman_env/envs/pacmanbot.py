@@ -1,5 +1,6 @@
 """The single-agent Gymnasium environment: a batch of one game."""
 
+from threading import get_ident
 from typing import Any
 
 import gymnasium as gym
@@ -11,7 +12,7 @@ from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .base_env import BaseEnv
-from .guard import exclusive, exclusive_step, shared
+from .guard import exclusive, shared
 from .resets import Options, ResetOptions, Seed, checked_seed
 from .spaces import checked_action
 
@@ -205,19 +206,26 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
             self.render()
         return self._result()
 
-    @exclusive_step
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at the given velocities, until the next decision.
 
         Raises ValueError for an action outside the action space (velocities are clipped instead), and ResetNeeded
         before the first reset or after the end of an episode.
         """
-        self._runner.require_reset(running=True)
-        reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
-        if self.render_mode == "human":
-            self.render()
-        observation, info = self._result()
-        return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        guard = self._guard
+        calls, call = guard.calls, (get_ident(), "step", True)
+        try:  # as in `exclusive`, with one function call less, which would take 1 % of a step
+            calls.append(call)
+            if calls[0] is not call or guard.copying is not None:
+                guard.wait(call)
+            self._runner.require_reset(running=True)
+            reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
+            if self.render_mode == "human":
+                self.render()
+            observation, info = self._result()
+            return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        finally:
+            calls.remove(call)
 
     @shared
     def _masks(self) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.kinds import MASK
 from .arguments import EnvArguments, takes_env_arguments
-from .guard import Guarded, exclusive, exclusive_step, shared
+from .guard import Guarded, exclusive, shared
 from .parallel_vec_env import PACMAN as PACMAN
 from .parallel_vec_env import Observations, SeveralAgents
 from .resets import Options, ResetOptions, Seed, checked_seed
@@ -137,7 +137,7 @@ class _InTurn(Guarded, parallel_to_aec_wrapper):
 
     reset, close = exclusive(parallel_to_aec_wrapper.reset), exclusive(parallel_to_aec_wrapper.close)
 
-    @exclusive_step
+    @exclusive
     def step(self, action: Any) -> None:
         agent = self.agent_selection
         if not (self.terminations[agent] or self.truncations[agent]):
