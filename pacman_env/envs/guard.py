@@ -1,7 +1,7 @@
 """Guard an environment against calls from several threads, which would write the same arrays in machine code.
 
 The calls form a queue. An exclusive call changes or copies the games; it is refused if another thread's exclusive call
-is in the queue. A shared call only reads, and waits for its turn. The queue is a list instead of a lock: appending and
+is in the queue. A shared call only reads, and waits for its turn. The queue is a list instead of a lock: inserting and
 removing are atomic and cheap, an interrupted call removes itself, and a forked process can drop calls of lost threads.
 """
 
@@ -21,7 +21,7 @@ _IN_USE = "{}(): {} thread is in {}() of this environment; end it first, or use 
 
 
 class Guard:
-    """The queue of an environment's calls: the running call, then the calls that wait."""
+    """The queue of an environment's calls, the newest first; the last call is running."""
 
     def __init__(self) -> None:
         self.calls: list[tuple[int, str, bool]] = []  # thread, name, True if exclusive
@@ -34,7 +34,7 @@ class Guard:
     def wait(self, call: tuple[int, str, bool]) -> None:
         """Wait for the turn of this thread; raises RuntimeError if an earlier call refuses this exclusive call."""
         me, name, exclusive = call
-        earlier = self.calls.copy() if exclusive else [call]
+        earlier = self.calls[::-1] if exclusive else [call]
         while earlier[0] is not call and (earlier[0][0] != me or name != "close"):
             thread, other, excludes = earlier.pop(0)
             if thread == me or excludes:
@@ -45,7 +45,7 @@ class Guard:
             if stack and any(id(frame) == function for frame, _ in walk_stack(stack)):
                 raise RuntimeError(_IN_USE.format(name, "another", "copy"))
             self.copying = None  # an error may keep the state of a copy that failed
-        while self.calls[0][0] != me:
+        while self.calls[-1][0] != me:
             time.sleep(0.0002)
 
 
@@ -57,11 +57,11 @@ def exclusive(method: Method, exclusive: bool = True) -> Method:
     def guarded(self: "Guarded", *arguments: Any, **named: Any) -> Any:
         calls, call = self._guard.calls, (get_ident(), name, exclusive)
         try:
-            calls.append(call)
+            calls.insert(0, call)
             self._guard.wait(call)
             return method(self, *arguments, **named)
         finally:
-            calls.remove(call)
+            calls.remove(call)  # the newest of equal ones
 
     return cast(Method, guarded)
 
@@ -94,7 +94,7 @@ def _drop_lost_calls() -> None:
     """Drop the calls of threads that a fork did not copy; games that such a call changed need a reset."""
     for one in list(_objects.values()):
         calls, me = one._guard.calls, get_ident()
-        if calls and calls[0][0] != me and calls[0][2] and one._runner is not None:
+        if calls and calls[-1][0] != me and calls[-1][2] and one._runner is not None:
             one._runner.begun = False
         calls[:] = [call for call in calls if call[0] == me]
 

@@ -215,8 +215,8 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         guard = self._guard
         calls, call = guard.calls, (get_ident(), "step", True)
         try:  # as in `exclusive`, with one function call less, which would take 1 % of a step
-            calls.append(call)
-            if calls[0] is not call or guard.copying is not None:
+            calls.insert(0, call)
+            if calls[-1] is not call or guard.copying is not None:
                 guard.wait(call)
             self._runner.require_reset(running=True)
             reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
