@@ -120,11 +120,6 @@ class GameSetup:
         return make_config(self.preset, self.execution, **parse_settings(self.settings))
 
     @property
-    def knows_its_pose(self) -> bool:
-        """True if the robot is localized from the start."""
-        return self.sim and not self.nav2
-
-    @property
     def first_nodes(self) -> tuple[str, ...]:
         return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
 

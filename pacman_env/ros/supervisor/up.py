@@ -146,10 +146,8 @@ class GameProcesses:
             extra[name] = {"state_file": str(self.logs / f"{name}.json"), **extra.get(name, {})}
         self.setup = setup = replace(setup, extra=extra)
         self.foreign = nav2.command(setup, self.logs) if setup.nav2 else []
-        ends = game_nodes.SPARE, game_nodes.FINAL
-        spare, final = (
-            [name for name, process in game_nodes.PROCESSES.items() if process.end == kind] for kind in ends
-        )
+        spare = [one.name for one in game_nodes.PROCESSES.values() if one.end == game_nodes.SPARE]
+        final = [one.name for one in game_nodes.PROCESSES.values() if one.end == game_nodes.FINAL]
         command = lambda name: self.foreign if name == NAV2 else setup.command(name)  # noqa: E731
         environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
         self.processes = ProcessGroup(command, self.logs, environment, writer.print, spare, final)
@@ -171,9 +169,9 @@ class GameProcesses:
 
     def start(self) -> None:
         """Start the processes that need no pose."""
+        localized = self.setup.sim and not self.setup.nav2  # a simulated robot knows its pose from the start
         for name in self.setup.first_processes:
-            # A simulated robot knows its pose from the start.
-            self.processes.start(SELECTOR if name == WAIT and self.setup.knows_its_pose else name)
+            self.processes.start(SELECTOR if name == WAIT and localized else name)
 
     def watch(self) -> int:
         """Keep the processes alive and show the game until its end is requested; return the exit status."""
@@ -218,12 +216,10 @@ class GameProcesses:
         if missing:
             return f"waiting for {', '.join(missing)}"
         if SELECTOR not in processes and game_nodes.LOCK_STEP not in processes:
-            robot = (
-                "the simulated robot's pose"
-                if self.setup.sim
-                else "the robot's pose (docs/robot/first_game.md, step 5)"
-            )
-            return f"waiting for {f'the pose, from AMCL (log of {NAV2})' if self.setup.nav2 else robot}"
+            if self.setup.nav2:
+                return f"waiting for the pose, from AMCL (log of {NAV2})"
+            robot = "simulated robot's pose" if self.setup.sim else "robot's pose (docs/robot/first_game.md, step 5)"
+            return f"waiting for the {robot}"
         return "" if status_line.condition else f"waiting for {SELECTOR}"
 
     def _receive(self) -> None:
