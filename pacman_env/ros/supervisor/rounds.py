@@ -67,11 +67,13 @@ class RoundRequests:
                 self.wanted.append(service)
 
     def _read(self, service: Service, result: Any) -> None:
+        # A referee that has just restarted refuses a start until it has discovered the goal selector.
+        ready = self.status_line.state == "menu" and self.status_line.has_selector
         if result.success:
             self.starts = self.play_on or (self.starts and service is not START_GAME)
         elif service is START_GAME and self.starts:  # repeated, unless it has begun and its answer was lost
             self.starts = self.play_on or self.status_line.state == "menu"
-        elif service is START_GAME and self._is_refused_too_soon():
+        elif service is START_GAME and ready and RESET_GAME not in self.requested:  # a later reset has priority
             self.wanted.append(service)
         else:
             self.writer.print(f"{service.name}: {result.message}")
@@ -80,11 +82,3 @@ class RoundRequests:
     def requested(self) -> list[Service]:
         """Services without an answer."""
         return [*self.wanted, *(service for service, *_ in self.answers)]
-
-    def _is_refused_too_soon(self) -> bool:
-        """Return True if a referee that has just restarted refuses a start although a round can begin.
-
-        It has not discovered the goal selector yet. A reset that was requested later has priority.
-        """
-        is_ready = self.status_line.state == "menu" and self.status_line.has_selector
-        return is_ready and RESET_GAME not in self.requested
