@@ -123,10 +123,6 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
     return (host, address, here, f"{here.partition('.')[0]}.local")
 
 
-def is_same_origin(origin: str, host: str) -> bool:
-    return origin.lower() in {f"http://{host.strip().lower()}", f"https://{host.strip().lower()}"}
-
-
 class AccessControl:
     """Middleware that refuses requests. Accepted requests have ``access`` in their scope and no token."""
 
@@ -185,7 +181,7 @@ class AccessControl:
         if origin in self._origins:
             return True
         # A proxy may pass on the Host without the port: then every other server of that machine has the same Host.
-        return host not in self._proxied and is_same_origin(origin, host)
+        return host not in self._proxied and origin in (f"http://{host}", f"https://{host}")
 
 
 def refusal_response(status: int, words: str) -> PlainTextResponse:
