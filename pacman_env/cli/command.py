@@ -86,8 +86,8 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         status = work() or 0
         sys.stdout.flush()  # here a failure can still be reported
         return status
-    except (KeyboardInterrupt, SystemError) as error:
-        if not _is_interrupt(error):
+    except (KeyboardInterrupt, SystemError) as error:  # Numba turns Ctrl-C in compiled code into a SystemError
+        if not any(isinstance(one, KeyboardInterrupt) for one in (error, error.__cause__)):
             raise
         print(f"{prog}: stopped", file=sys.stderr)
         return STOPPED_STATUS
@@ -108,11 +108,6 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
         text = "\n".join(textwrap.wrap(text, width, break_on_hyphens=False, break_long_words=False))
     print(text, file=sys.stderr)
     return ERROR_STATUS
-
-
-def _is_interrupt(error: BaseException) -> bool:
-    """Return True for Ctrl-C, which Numba turns into a SystemError in compiled code."""
-    return isinstance(error, KeyboardInterrupt) or isinstance(error.__cause__, KeyboardInterrupt)
 
 
 def _path(text: str) -> Path:
