@@ -37,9 +37,22 @@ def add_ros_group(commands: Any) -> None:
         if name == "status":
             parser.add_argument("--json", action="store_true", help="print the whole status as JSON")
         _add_where(parser, partial(_ask, name))
-    _add_doctor(group)
-    _add_record(group)
-    _add_replay(group)
+    doctor = group.add_parser("doctor", help="check whether robot, Nav2 and game are ready, and suggest remedies")
+    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, compared with the map on the robot")
+    _add_waiting(doctor, 0.5, "longest time to wait for messages and answers, s")
+    doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
+    _add_where(doctor, _doctor)
+    record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
+    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder of the new bag")
+    record.add_argument("--sim", action="store_true", help="record a simulated game on this machine")
+    _add_where(record, _record)
+    replay = group.add_parser("replay", help="show what a policy would have done in a recorded game")
+    replay.add_argument("bag", type=Path, help="folder of a bag, or its .mcap file")
+    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="map of the game")
+    replay.add_argument("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
+    replay.add_argument("--namespace", help="namespace of the robot (the only one in the bag)")
+    replay.add_argument("--json", action="store_true", help="print the report as JSON")
+    replay.set_defaults(run=_replay)
 
 
 def _add_where(parser: Any, run: Any) -> None:
@@ -108,14 +121,6 @@ def _ask(name: str, arguments: argparse.Namespace) -> int:
     return operate(command, arguments.namespace, arguments.domain_id, arguments.sim, arguments.wait)
 
 
-def _add_doctor(group: Any) -> None:
-    doctor = group.add_parser("doctor", help="check whether robot, Nav2 and game are ready, and suggest remedies")
-    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, compared with the map on the robot")
-    _add_waiting(doctor, 0.5, "longest time to wait for messages and answers, s")
-    doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
-    _add_where(doctor, _doctor)
-
-
 def _doctor(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
         from pacman_env.ros.supervisor.doctor import doctor
@@ -123,27 +128,10 @@ def _doctor(arguments: argparse.Namespace) -> int:
     return doctor(*where, arguments.map, arguments.sim, arguments.wait, arguments.json)
 
 
-def _add_record(group: Any) -> None:
-    record = group.add_parser("record", help="record a running game as an MCAP bag, until Ctrl-C")
-    record.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder of the new bag")
-    record.add_argument("--sim", action="store_true", help="record a simulated game on this machine")
-    _add_where(record, _record)
-
-
 def _record(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
         from pacman_env.ros.bags.record import record
     return record(arguments.out, arguments.namespace, arguments.domain_id, arguments.sim)
-
-
-def _add_replay(group: Any) -> None:
-    replay = group.add_parser("replay", help="show what a policy would have done in a recorded game")
-    replay.add_argument("bag", type=Path, help="folder of a bag, or its .mcap file")
-    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="map of the game")
-    replay.add_argument("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
-    replay.add_argument("--namespace", help="namespace of the robot (the only one in the bag)")
-    replay.add_argument("--json", action="store_true", help="print the report as JSON")
-    replay.set_defaults(run=_replay)
 
 
 def _replay(arguments: argparse.Namespace) -> int:
