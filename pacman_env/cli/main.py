@@ -82,8 +82,7 @@ def make_parser() -> Parser:
 def _add_play(commands: Any) -> None:
     play = commands.add_parser("play", help="play rounds in a window with mouse and keys (F1 lists the keys)")
     add, number = play.add_argument, finite_number()
-    map_help = "map name, map file, or 'generated' (%(default)s)"
-    add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
+    add("--map", default="house", metavar="FILE_OR_NAME", help="map name, map file, or 'generated' (%(default)s)")
     add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
     add("--seed", type=whole_number(0), help="seed of the first round; later rounds derive from it (random)")
@@ -137,8 +136,7 @@ def _add_web(commands: Any) -> None:
     add("--viewers", type=whole_number(1, 1000), default=100, help="maximum number of viewers (%(default)s)")
     add("--open", action="store_true", help="open the page in a browser on this machine")
     add = web.add_argument_group("simulated game").add_argument
-    map_help = "map name, map file, or 'generated' (%(default)s)"
-    add("--map", default="house", metavar="FILE_OR_NAME", help=map_help)
+    add("--map", default="house", metavar="FILE_OR_NAME", help="map name, map file, or 'generated' (%(default)s)")
     add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
     add("--second", default="clyde_aware", help="second policy, shown for comparison (%(default)s)")

@@ -56,15 +56,8 @@ def make_parser() -> Parser:
     add("--map", nargs="+", default=["house"], metavar="FILE_OR_NAME", help="maps: names, files or folders (house)")
     ghosts = "ghosts of each row; commas join the behaviours of several ghosts, such as arcade,chase (chase)"
     add("--ghosts", nargs="+", default=["chase"], metavar="BEHAVIOUR", help=ghosts)
-    speeds = (0.15, 0.25, 0.35, 0.45)
-    add(
-        "--speeds",
-        nargs="+",
-        type=finite_number(0),
-        default=speeds,
-        metavar="V",
-        help="speeds of the ghosts, m/s (0.15 to 0.45)",
-    )
+    default, speeds = (0.15, 0.25, 0.35, 0.45), "speeds of the ghosts, m/s (0.15 to 0.45)"
+    add("--speeds", nargs="+", type=finite_number(0), default=default, metavar="V", help=speeds)
     add("--starts", type=whole_number(1), default=50, metavar="N", help="number of starts (%(default)s)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     width = "width of the search; 0: no estimate (%(default)s)"

@@ -115,17 +115,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env validation", description=__doc__)
-    parser.add_argument("--map", default="house", help="name or YAML file; the trials used pacmanbot_house (house)")
-    parser.add_argument("--episodes", type=count(), default=1000, help="number of rounds per row (%(default)s)")
-    parser.add_argument("--seed", type=whole_number(0), default=0, help="seed of the rounds (%(default)s)")
+    add = parser.add_argument
+    add("--map", default="house", help="name or YAML file; the trials used pacmanbot_house (house)")
+    add("--episodes", type=count(), default=1000, help="number of rounds per row (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, help="seed of the rounds (%(default)s)")
     add_executor_arguments(parser)
-    parser.add_argument("--planner-answers", type=Path, help="only compare paths with the paths in this file")
-    parser.add_argument(
-        "--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings"
-    )
-    parser.add_argument("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are not shipped")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")
-    parser.add_argument("--markdown", type=Path, help="also write the table to this file")
+    add("--planner-answers", type=Path, help="only compare paths with the paths in this file")
+    add("--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings")
+    add("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are not shipped")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")
+    add("--markdown", type=Path, help="also write the table to this file")
     return parser
 
 

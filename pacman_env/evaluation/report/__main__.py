@@ -62,14 +62,9 @@ def make_parser() -> Parser:
     scenarios.add_rule_arguments(parser)
     add("--clyde-speed", type=finite_number(), default=0.25, metavar="V", help="speed outside the curve, m/s (0.25)")
     add("--speeds", nargs="+", type=finite_number(), metavar="V", help="speeds in the curve, m/s (0.15 0.2 ... 0.6)")
-    add(
-        "--variant",
-        action="append",
-        nargs="*",
-        metavar="NAME=SETTINGS",
-        help="play the rounds also with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; repeatable;"
-        " without a value: no variants (the other preset; no refuges)",
-    )
+    variants = "play the rounds also with other settings, such as 'slow=robot.speed_mps=0.2,preset=ideal'; repeatable;"
+    variants += " without a value: no variants (the other preset; no refuges)"
+    add("--variant", action="append", nargs="*", metavar="NAME=SETTINGS", help=variants)
     add("--episodes", type=whole_number(2), metavar="N", help="rounds per map, speed, variant and policy (200)")
     add("--endless", type=whole_number(0), metavar="N", help="number of endless games per map and policy (100)")
     add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
