@@ -52,8 +52,7 @@ def make_parser() -> Parser:
     add("name", help="name of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
     add("--policy", default="lookahead", metavar="POLICY", help="policy name, .onnx file or checkpoint (%(default)s)")
     add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="id of the environment (%(default)s)")
-    maps = "map: a file, a name, generated or generated:test (from the id)"
-    add("--map", metavar="FILE_OR_NAME", help=maps)
+    add("--map", metavar="FILE_OR_NAME", help="map: a file, a name, generated or generated:test (from the id)")
     kinds = f"kinds of the observation: {', '.join(KINDS.names())}; flat joins them to one array (from the id)"
     add("--observation", nargs="+", metavar="KIND", help=kinds)
     add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost, or a policy name (from the id)")
@@ -100,9 +99,8 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     facts = _facts(arguments, given, env_id, runner)
     with new_folder(folder) as temporary:
         with contextlib.ExitStack() as stack:
-            writers = [
-                stack.enter_context(one) for one in _writers(arguments, temporary, (env_id, named), runner, facts)
-            ]
+            files = _writers(arguments, temporary, (env_id, named), runner, facts)
+            writers = list(map(stack.enter_context, files))
             facts |= _written(stack.enter_context(parts), writers)
         write_json(temporary / "facts.json", facts)
         write_card(temporary, facts)
@@ -130,10 +128,9 @@ def _of_robot(arguments: argparse.Namespace, made: EnvArguments) -> Any:
 def _folder(arguments: argparse.Namespace) -> Path:
     """Return the folder of the data set; raises ValueError early if it cannot be written."""
     if not _is_name(arguments.name, "minari" in arguments.format):
-        rule = (
-            "must be as pacman-env/lookahead-v0: letters, digits, - and _, with a version; a namespace has two or more"
-        )
-        raise ValueError(f"name = {arguments.name!r}: {rule}, and none is called data")
+        rule = "must be as pacman-env/lookahead-v0: letters, digits, - and _, with a version"
+        more = "a namespace has two or more, and none is called data"
+        raise ValueError(f"name = {arguments.name!r}: {rule}; {more}")
     folder: Path = arguments.root / arguments.name
     if folder.exists():
         raise ValueError(f"{folder}: already exists")

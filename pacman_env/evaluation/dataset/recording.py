@@ -228,8 +228,7 @@ class _Recorder:
         def rows(steps: list[Any], extra: int) -> NDArray[Any]:
             many = counts + extra
             within = np.arange(many.sum()) - np.repeat(np.cumsum(many) - many, many)
-            index: NDArray[Any] = np.stack(steps)[np.repeat(began, many) + within, np.repeat(games, many)]
-            return index
+            return np.stack(steps)[np.repeat(began, many) + within, np.repeat(games, many)]
 
         observations = {key: rows([one.observations[key] for one in views], 1) for key in views[0].observations}
         action, reward, *others = (rows(list(column), 0) for column in zip(*decisions, strict=True))

@@ -30,8 +30,6 @@ from .recording import ROUND, RecordedRounds, flattened
 
 KINDS = [kind.name for kind in BUILT_IN_KINDS.values() if not kind.simulated]
 _CODES = {word: code for code, word in enumerate(OUTCOMES.tolist())}
-
-
 #: Sections of a configuration that affect how learners see rounds, but not how rounds are played.
 _NOT_PLAYED = ("observation", "action", "decisions", "randomize", "max_cycles", "num_levels", "start_level")
 
@@ -58,11 +56,8 @@ class RobotRounds:
                     raise BagError(f"{path}: no {topics.SCORES.name}: the choices of its goal selector are not known")
                 recorder, config = _RoundRecorder(self._runner), recorded_config(bag)
                 walk = Walk(bag, map_assets(self.arguments.map, config), config, recorder)
-                recorder.view = walk.view
-                if (
-                    walk.view.hold != self._runner.batch.hold
-                    or len(config.clyde.ghosts) != self._runner.batch.ghosts.shape[1]
-                ):
+                recorder.view, batch = walk.view, self._runner.batch
+                if walk.view.hold != batch.hold or len(config.clyde.ghosts) != batch.ghosts.shape[1]:
                     raise BagError(f"{path}: has other pellets, refuges or ghosts than {self._bags[0]}")
                 walk.run()
             if bag.unchecked:
@@ -140,12 +135,11 @@ class _RoundRecorder:
         about["outcome"], about["decisions"], about["return"] = _CODES[outcome], count, rewards.sum()
         about["collected"], about["spawned"], about["unlisted"] = len(self._collected), self._spawned, self._unlisted
         last = np.arange(count) == count - 1
+        ends = last & over, last & (not over)
         seen = {key: np.stack([one[key] for one in self._seen]) for key in self._seen[0]}
         masks = np.stack(self._masks).astype(np.int8)
         actions = np.array(self._actions, dtype=np.int64)
-        self.rounds.append(
-            RecordedRounds(about, seen, masks, actions, rewards, last & over, last & (not over), elapsed_s)
-        )
+        self.rounds.append(RecordedRounds(about, seen, masks, actions, rewards, *ends, elapsed_s))
         self._begin()
 
     def _look(self, situation: Situation) -> None:
