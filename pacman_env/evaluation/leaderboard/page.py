@@ -108,13 +108,8 @@ def _cells(table: LeagueTable, cells: Sequence[CellResult]) -> str:
             row += [f"{verdict}: {with_interval(cell.against.difference, cell.against.ci, '+')}"]
         rows.append([*row, _worst(ours)])
     names = [f"`{name}`" for name in policies]
-    head = [
-        "ghosts",
-        "m/s",
-        *names,
-        *([f"`{table.planner}` against the best other"] if compared else []),
-        "worst tenth",
-    ]
+    against = [f"`{table.planner}` against the best other"] if compared else []
+    head = ["ghosts", "m/s", *names, *against, "worst tenth"]
     return _markdown(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
 
 
