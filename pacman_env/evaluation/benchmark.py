@@ -88,25 +88,22 @@ class BenchmarkPlayer:
         arguments: dict[str, Any] = {**row.arguments}
         if row.env != _GENERATED:
             arguments["map"] = map_source
-        if row.made != "make":
+        if row.made == "make":
+            self.env: Any = gym.make(spec, **arguments)
+        else:
             native: dict[str, Any] = {"num_envs": row.games, "vectorization_mode": "vector_entry_point"}
             mode: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP} if row.made == "sb3" else {}
-            self.env: Any = gym.make_vec(spec, **native, **mode, **arguments)
-            game: Any = self.env.unwrapped
-            if row.made == "sb3":
-                from pacman_env.sb3 import PacManBotVecEnv
-
-                self.env = PacManBotVecEnv(game)
-            self.game = game
-        else:
-            self.env = gym.make(spec, **arguments)
-            self.game = self.env.unwrapped
+            self.env = gym.make_vec(spec, **native, **mode, **arguments)
+        self.game: Any = self.env.unwrapped
         self.row, self.rng, self._number = row, np.random.default_rng(0), 0
         self._held = 1 if "Flat" in row.env else HELD
         self._over = np.zeros(row.games, np.bool_)
         self._actions = np.zeros(row.games, np.int64)
         self._policy = None if row.policy == "random" else make_policy(row.policy)
         if row.made == "sb3":
+            from pacman_env.sb3 import PacManBotVecEnv
+
+            self.env = PacManBotVecEnv(self.game)
             self.env.seed(0)
             self.env.reset()
         else:
