@@ -140,12 +140,8 @@ def _check_game_nodes(robot: Observations) -> Finding:
     if not missing:
         return Finding.ok(f"all {len(names)} are there")
     if not discovered - {SIMULATOR}:
-        return Finding.unknown(
-            "no node of the game discovered",
-            "start the game when all other checks are ok",
-            robot.start_game,
-            settled=False,
-        )
+        remedy = "start the game when all other checks are ok"
+        return Finding.unknown("no node of the game discovered", remedy, robot.start_game, settled=False)
     remedy = f"it ended or is frozen: {START_AGAIN}; the game's terminal and its log name the reason"
     if missing == [SELECTOR]:
         remedy = f"it starts when the robot has a pose; else {remedy}"
@@ -249,14 +245,10 @@ def _check_game(robot: Observations) -> Finding:
     return Finding.unknown(summary, remedy or "see the lines above", settled=settled)
 
 
+_LIFECYCLE = (*MANAGERS.values(), *STATES.values())
 CHECKS = (
     Check("Nav2", "Does exactly one node serve navigate_to_pose?", _check_navigator),
-    Check(
-        "Nav2's nodes",
-        "Are the nodes of localization and navigation active?",
-        _check_lifecycle,
-        (*MANAGERS.values(), *STATES.values()),
-    ),
+    Check("Nav2's nodes", "Are the nodes of localization and navigation active?", _check_lifecycle, _LIFECYCLE),
     *(Check(topic, f"Do both costmaps subscribe to {topic}?", partial(_check_cloud, topic)) for topic in CLOUDS),
     Check("game's nodes", "Does each node of the game run exactly once?", _check_game_nodes, (CONFIGURATIONS,)),
     Check(

@@ -58,9 +58,8 @@ def _check_silence(robot: Observations) -> Finding | None:
     if not robot.publishers_of("odom") or "odom" in robot.unavailable or not robot.get(STAMPS["scan"]):
         return None
     if odometry is None:
-        return robot.not_yet(
-            f"{robot.silence('odom')}, but scan: {_SILENT.partition(',')[0]} is silent", _SILENT, RESTART
-        )
+        summary = f"{robot.silence('odom')}, but scan: {_SILENT.partition(',')[0]} is silent"
+        return robot.not_yet(summary, _SILENT, RESTART)
     silent_s = robot.now.monotonic_s - odometry.last_s
     if silent_s > SILENT_S:
         return robot.not_yet(f"odom silent for {silent_s:.1f} s, but scan is not", _SILENT, RESTART)
