@@ -76,13 +76,10 @@ class ReplayReport:
         lines += [f"  {count} bad messages: {what}" for what, count in self.bad_messages.items()]
         lines.append(f"{'median (10 % to 90 %)':29}{'robot':24}simulator")
         for name, words in QUANTITIES.items():
-            columns = (_range(side.get(name)) for side in (self.robot, self.simulator))
+            sides = (side.get(name) for side in (self.robot, self.simulator))
+            columns = ("-" if one is None else "{1:.3f} ({0:.3f} to {2:.3f})".format(*one) for one in sides)
             lines.append(f"{words:29}{{:24}}{{}}".format(*columns))
         return "\n".join(wrapped(line, 11) for line in lines)
-
-
-def _range(quantiles: list[float] | None) -> str:
-    return "-" if quantiles is None else "{1:.3f} ({0:.3f} to {2:.3f})".format(*quantiles)
 
 
 def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) -> ReplayReport:
