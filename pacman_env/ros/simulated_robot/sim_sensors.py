@@ -108,10 +108,8 @@ class Sensors:
         odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = robot.odometry_velocity
         if self._alone:
             for covariance in (odometry.pose.covariance, odometry.twist.covariance):
-                covariance[[0, 7, 14, 21, 28]], covariance[35] = (
-                    base.odometry_pose_variance,
-                    base.odometry_heading_variance,
-                )
+                covariance[[0, 7, 14, 21, 28]] = base.odometry_pose_variance
+                covariance[35] = base.odometry_heading_variance
         self._odometry_out.publish(odometry)
 
     def _ranges(self) -> NDArray[np.float32]:
