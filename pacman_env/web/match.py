@@ -198,11 +198,10 @@ class Match:
         assets = self.round.assets
         words, check = f"{assets.occupancy.name}: {assets.pellets} pellets", "check the map: pacman-env map check"
         missing = len(assets.dropped_ids)
+        map_row = ("warning", f"{words}, {missing} more cannot be reached", check) if missing else ("ok", words, "")
         rows = (
             ("simulator", "ok", f"pacman_env {__version__}", ""),
-            ("map", "warning", f"{words}, {missing} more cannot be reached", check)
-            if missing
-            else ("map", "ok", words, ""),
+            ("map", *map_row),
             ("configuration", "ok", f"hash {self.round.config.hash}", ""),
         )
         return [dict(zip(("name", "state", "words", "remedy"), row, strict=True)) for row in rows]

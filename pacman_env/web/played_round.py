@@ -350,8 +350,7 @@ class Recordings:
         played, summary = self._require(number)
         if "compared" not in summary:
             summary["compared"] = played.second_result()
-        compared: dict[str, Any] | None = summary["compared"]
-        return compared
+        return summary["compared"]
 
     def _require(self, number: int) -> tuple[PlayedRound, dict[str, Any]]:
         if number not in self._kept:

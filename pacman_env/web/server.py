@@ -109,10 +109,8 @@ class WebServer:
             log.error("a request", error)
             return PlainTextResponse("internal error\n", 500)
 
-        routes = Routes(self._game, sessions, log, self._static)
-        application: ASGIApp = Starlette(
-            routes=[*routes.all(), WebSocketRoute("/ws", sessions.serve)], exception_handlers={Exception: failed}
-        )
+        routes = [*Routes(self._game, sessions, log, self._static).all(), WebSocketRoute("/ws", sessions.serve)]
+        application: ASGIApp = Starlette(routes=routes, exception_handlers={Exception: failed})
         names = (*map(Name, names_of(self.host, self.address)), *self._names)
         config = uvicorn.Config(
             AccessControl(application, self.tokens, names, log),

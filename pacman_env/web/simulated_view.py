@@ -125,12 +125,8 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     }
     if old.ghosts.shape == new.ghosts.shape:
         moved["ghosts"] = old.ghosts + share * (new.ghosts - old.ghosts)
-    return structs.replace(
-        new,
-        time_s=old.time_s + share * (new.time_s - old.time_s),
-        **{name: getattr(old, name) for name in _LATE},
-        **moved,
-    )
+    moved |= {name: getattr(old, name) for name in _LATE}
+    return structs.replace(new, time_s=old.time_s + share * (new.time_s - old.time_s), **moved)
 
 
 def _pose_between(old: Pose, new: Pose, share: float) -> Any:
