@@ -245,7 +245,7 @@ def _check_game(robot: Observations) -> Finding:
     return Finding.unknown(summary, remedy or "see the lines above", settled=settled)
 
 
-_LIFECYCLE = (*MANAGERS.values(), *STATES.values())
+_LIFECYCLE: tuple[Request[Any], ...] = (*MANAGERS.values(), *STATES.values())
 CHECKS = (
     Check("Nav2", "Does exactly one node serve navigate_to_pose?", _check_navigator),
     Check("Nav2's nodes", "Are the nodes of localization and navigation active?", _check_lifecycle, _LIFECYCLE),
