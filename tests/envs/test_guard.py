@@ -180,17 +180,22 @@ def test_ghost_policy_may_read_but_not_step(kind: type[Single]) -> None:
     def within() -> None:
         assert len(adapter.pictures()) == adapter.games
         adapter.masks()
-        for call in (adapter.env.reset, lambda: pickle.dumps(adapter.core)):
+        reader = start(adapter.pictures)
+        for call in (adapter.env.reset, lambda: pickle.dumps(adapter.core), stepper(adapter)):
             with pytest.raises(RuntimeError, match=r"in step\(\)"):
                 call()
+            reader.join(0.05)
+            assert reader.is_alive()  # until the outer step ends
         adapter.env.close()
-        calls.append(1)
+        readers.append(reader)
 
-    calls: list[int] = []
+    readers: list[threading.Thread] = []
     adapter = made(kind, within)
     for _ in range(2):
         stepper(adapter)()
-    assert calls
+    for reader in readers:
+        reader.join(60)
+    assert readers
 
 
 @every_kind
