@@ -17,8 +17,3 @@ def shared_path(relative: str) -> Path:
             pytest.fail(message)
         pytest.skip(message)
     return path
-
-
-def shared_maps() -> list[str]:
-    """Names of the shared maps; empty where there are none."""
-    return sorted(p.parent.name for p in (SHARED / "maps").glob("*/map.yaml"))

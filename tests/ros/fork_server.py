@@ -40,11 +40,9 @@ class Forked:
         return self._process.exitcode
 
     def poll(self) -> int | None:
-        """As ``returncode``."""
         return self._process.exitcode
 
     def wait(self, timeout: float | None = None) -> int:
-        """The exit status, once it is there."""
         self._process.join(timeout)
         if self._process.exitcode is None:
             raise subprocess.TimeoutExpired(str(self._process), timeout or 0.0)
@@ -56,7 +54,6 @@ class Forked:
             os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """SIGKILL."""
         self._process.kill()
 
 

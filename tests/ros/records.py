@@ -17,7 +17,6 @@ class Recorded:
 
     @property
     def value(self) -> Any:
-        """Its ``data``."""
         return self.message.data
 
 
@@ -55,7 +54,6 @@ class Records:
         return [one for one in self.records if one.topic in names]
 
     def messages(self, topic: Topic) -> list[Any]:
-        """Of one topic."""
         return [one.message for one in self.on(topic)]
 
     def values(self, topic: Topic) -> list[Any]:

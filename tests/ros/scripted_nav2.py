@@ -25,7 +25,6 @@ class Goal:
 
     @property
     def running(self) -> bool:
-        """Accepted and not ended."""
         return self.handle is not None and not self.ended
 
 
@@ -34,17 +33,12 @@ class ScriptedNav2(BaseNode):
 
     Words: ``accept``, ``reject``, ``late`` (accepted when ``let_in`` is called) and ``nothing`` (never answered). A new
     goal pre-empts the one that runs, which ends aborted; a cancel ends all.
-
-    Args:
-        script: the words.
-        options: of rclpy's Node.
     """
 
     def __init__(self, *script: str, **options: Any) -> None:
         super().__init__(NAME, **options)
         self.script = list(script)
         self.goals: list[Goal] = []
-        self.refused: list[Goal] = []
         self._late: list[Future] = []
         self._asked: list[Goal] = []  # not accepted yet
         self._server = topics.NAVIGATE_TO_POSE.server(
@@ -66,13 +60,11 @@ class ScriptedNav2(BaseNode):
         return [goal for goal in self.goals if goal.running]
 
     def let_in(self) -> None:
-        """Accept what waits."""
         for gate in self._late:
             gate.set_result(True)
         self._late.clear()
 
     def succeed(self, goal: Goal) -> None:
-        """The goal is reached."""
         self._end(goal, "succeed")
 
     def abort(self, goal: Goal, error: int = 208) -> None:
@@ -85,7 +77,6 @@ class ScriptedNav2(BaseNode):
         goal = Goal(position.x, position.y)
         self.goals.append(goal)
         if word == "reject":
-            self.refused.append(goal)
             return GoalResponse.REJECT
         if word in ("late", "nothing"):
             gate = Future()

@@ -53,23 +53,12 @@ def number_at(goal: Goal) -> int:
 
 
 class Game:
-    """The rest of the game, played by the test.
-
-    Args:
-        session: without further nodes.
-        script: of Nav2.
-    """
+    """The rest of the game, played by the test in a session without further nodes; ``script`` is Nav2's."""
 
     def __init__(self, session: Session, *script: str) -> None:
         self.session = session
-        session.record(
-            topics.GAME_STATUS,
-            topics.GAME_EVENT,
-            topics.REMOVE_PELLET,
-            topics.CMD_VEL,
-            topics.DIAGNOSTICS,
-            topics.SCORES,
-        )
+        session.record(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET)
+        session.record(topics.CMD_VEL, topics.DIAGNOSTICS, topics.SCORES)
         self.nav2 = self.start_nav2(*script)
         self.left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
         self.power: Collection[int] = ()  # the power pellets
@@ -92,25 +81,17 @@ class Game:
         return dict(self.session.node(SELECTOR).once.counts)
 
     def start_nav2(self, *script: str) -> ScriptedNav2:
-        """Nav2 is there, from now on."""
         member = self.session.start(scripted_nav2.NAME, lambda: ScriptedNav2(*script))
         self.nav2 = member.node  # type: ignore[assignment]
         return self.nav2
 
     def end_nav2(self) -> None:
-        """Nav2 goes away."""
         self.session.kill(scripted_nav2.NAME)
 
     def let_in(self) -> None:
-        """Nav2 accepts what waits."""
         self.session.within(self.nav2.let_in, self.nav2)
 
-    def succeed(self, goal: Goal) -> None:
-        """A goal is reached."""
-        self.session.within(lambda: self.nav2.succeed(goal), self.nav2)
-
     def abort(self, goal: Goal, error: int = 208) -> None:
-        """Nav2 gives a goal up."""
         self.session.within(lambda: self.nav2.abort(goal, error), self.nav2)
 
     # What the others publish

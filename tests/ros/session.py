@@ -50,7 +50,6 @@ class TimeNode(BaseNode):
         self._steps = 20 * seconds
 
     def step(self) -> None:
-        """The next 0.05 s."""
         self._steps += 1
         seconds, rest = divmod(self._steps, 20)
         message = Clock()
@@ -59,12 +58,7 @@ class TimeNode(BaseNode):
 
 
 class Session(Records):
-    """A lock-step game, or some of its nodes, and the observer.
-
-    Args:
-        game: with a node that has ``step``.
-        folder: for files of the nodes.
-    """
+    """A lock-step game, or some of its nodes, and the observer; the nodes keep their files in ``folder``."""
 
     def __init__(self, game: LockStep, folder: Path) -> None:
         super().__init__()
@@ -101,7 +95,6 @@ class Session(Records):
         return member
 
     def node(self, name: str) -> Any:
-        """The node of that name."""
         return self.member(name).node
 
     def stop(self, name: str) -> None:
@@ -165,7 +158,6 @@ class Session(Records):
             self._publishers[topic.name] = topic.publisher(self.observer)
 
     def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
-        """The answer of a service."""
         client = service.client(self.observer)
         answer = self.within(lambda: client.call_async(service.type.Request() if request is None else request))
         self.wait_for(answer.done, limit_s, f"the answer of {service.name}")
@@ -197,7 +189,6 @@ class Session(Records):
         return self.game.wall.now_s
 
     def advance(self, seconds: float) -> None:
-        """Let so much simulated time pass."""
         self.game.advance(seconds)
 
     def wait_for(self, condition: Callable[[], T], limit_s: float = 120.0, what: str = "the condition") -> T:
@@ -243,18 +234,7 @@ def game(
     session: type[S] = Session,  # type: ignore[assignment]
     **fields: Any,
 ) -> Iterator[S]:
-    """A session of a whole game.
-
-    Args:
-        folder: for files of the nodes.
-        map: name or file.
-        policy: of the goal selector.
-        seed: of everything that is drawn.
-        alone: no node of another process or context can meet those of the game.
-        kind: of the game.
-        session: class of the session.
-        fields: of ``GameSetup``.
-    """
+    """A session of a whole game, with ``fields`` of ``GameSetup``; ``alone``: no other process can meet its nodes."""
     gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
     extra = fields.pop("extra", {})
     for name in (REFEREE, SELECTOR):

@@ -64,7 +64,6 @@ class Process:
         return self.log.read_text(errors="replace")
 
     def send(self, number: int) -> None:
-        """Send a signal."""
         self.popen.send_signal(number)
 
     def wait(self, timeout_s: float = PATIENCE_S) -> int:
@@ -77,7 +76,6 @@ class Process:
             raise AssertionError(f"{self.name} did not end within {timeout_s:g} s:\n{self.output[-3000:]}") from None
 
     def stop(self, number: int = signal.SIGINT) -> int:
-        """Send the signal and wait for the exit status."""
         if self.popen.poll() is None:
             self.send(number)
         return self.wait()
@@ -104,7 +102,6 @@ class System:
         return self._add(Process(name, Forked(module, arguments, os.environ, log), log))
 
     def run(self, name: str, command: list[str]) -> Process:
-        """Start any command, at the checkout's root."""
         log = self._log(name)
         with open(log, "wb") as output:
             popen = subprocess.Popen(
@@ -127,7 +124,6 @@ class System:
         return "\n".join(f"{p.name} ended with {p.popen.returncode}:\n{p.output[-3000:]}" for p in failed)
 
     def outputs(self) -> str:
-        """The last lines of every process."""
         return "\n".join(f"--- {p.name}\n{p.output[-1500:]}" for p in self.processes)
 
     def __enter__(self) -> System:
@@ -231,7 +227,6 @@ class Probe(Records):
         self.wait_for(answered, timeout_s, f"the parameters of {node}")
 
     def publisher(self, topic: Topic) -> Any:
-        """The probe's publisher on a topic."""
         if topic.name not in self._publishers:
             self._publishers[topic.name] = topic.publisher(self.node)
         return self._publishers[topic.name]

@@ -35,7 +35,6 @@ class Game(session.Session):
         return self.game
 
     def until(self, state: str) -> None:
-        """Wait for a state."""
         self.wait_for(lambda: self.value(topics.GAME_STATE) == state, 300.0, f"state {state}")
 
     def collect(self, pellets: int) -> None:

@@ -4,6 +4,7 @@
 them, below: it records what the file asks for, and says nothing about what the real ones would make of it.
 """
 
+import math
 import runpy
 import sys
 import types
@@ -37,7 +38,6 @@ class Asked:
         self.arguments, self.options = arguments, options
 
     def perform(self, context: dict[str, str]) -> str:
-        """The value of a LaunchConfiguration."""
         return context[self.arguments[0]]
 
 
@@ -167,6 +167,7 @@ def test_namespace_is_completed(name: str, full: str) -> None:
     [
         *(({"namespace": name}, "namespace") for name in ("15", "a b", "a//b", "robot-15", "é", "a\n")),
         ({"settings": ("clyde.speed_mps=fast",)}, r"clyde\.speed_mps"),
+        ({"home": (1.0, 2.0, math.inf)}, "home"),
         ({"lock_step": True}, "only with a simulated robot"),
         ({"sim": True, "lock_step": True, "speed": 4.0}, "speed 4: a lock-step game is as fast as its nodes"),
         ({"sim": True, "lock_step": True, "composed": True}, "composed: a lock-step game is one process anyway"),

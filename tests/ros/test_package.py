@@ -150,7 +150,6 @@ class Workspace:
                 shutil.copy(ROOT / name, self.sources / name)
 
     def build(self) -> subprocess.Popen[str]:
-        """Begin ``colcon build``."""
         words = [sys.executable, "-m", "colcon", "build", "--packages-select", "pacman_env", *self.options]
         pipes: Any = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
         return subprocess.Popen(words, cwd=self.folder, env=self.environment, text=True, **pipes)

@@ -76,7 +76,6 @@ HOME = f"{at(*HOME_PIXEL)[0]},{at(*HOME_PIXEL)[1]},0.0"
 
 
 def closet() -> OccupancyMap:
-    """The map."""
     pixels = np.zeros(SIZE[::-1], np.uint8)
     for left, right, top, bottom in FREE:
         pixels[top : bottom + 1, left : right + 1] = 254
@@ -86,10 +85,7 @@ def closet() -> OccupancyMap:
 class Recording(Records):
     """One game from the call of ``game/start`` on: messages in the order of publication, at simulated times, s.
 
-    Args:
-        name: of the game in the golden file.
-        records: its messages.
-        before: the latched numbers, by topic.
+    Its golden file has it by ``name``; ``before`` are the latched numbers, by topic.
     """
 
     def __init__(self, name: str, records: list[Recorded], before: dict[str, Any]) -> None:

@@ -24,11 +24,7 @@ class Talker(BaseNode):
 
 
 class Listener(BaseNode):
-    """Keeps what it gets on ``game_command``, in order.
-
-    Args:
-        depth: of the subscription.
-    """
+    """Keeps what it gets on ``game_command``, in order; ``depth`` is that of its subscription."""
 
     def __init__(self, depth: int) -> None:
         super().__init__(f"listener_{depth}")

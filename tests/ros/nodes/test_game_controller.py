@@ -29,8 +29,7 @@ def state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def up(nodes: Session, *settings: str, **parameters: Any) -> None:
-    """Start the referee, with short shows."""
-    quick = ["show.start_s=0.2", "show.death_s=0.2", "show.home_retry_s=0.1"]
+    quick = ["show.start_s=0.2", "show.death_s=0.2"]
     nodes.record(*SAID)
     nodes.announce(topics.GAME_STATUS)  # as a goal selector does
     nodes.start(REFEREE, **{"state_file": "auto", "settings": [*quick, *settings], **parameters})
@@ -136,35 +135,6 @@ def test_burst_of_commands_arrives_completely_fault_1(nodes: Session) -> None:
         lambda: topics.GAME_COMMAND.subscription(nodes.observer, lambda message: late.append(message.data)),
     )
     assert late == commands
-
-
-def test_stale_pellet_report_blocks_no_completion_fault_7(nodes: Session) -> None:
-    up(nodes)
-    assert nodes.call(topics.START_GAME).success
-    pellets(nodes, range(9))  # of another map, or of the round before
-    assert nodes.value(topics.PELLETS_SPAWNED) == 9
-    pellets(nodes, (0, 1))
-    assert nodes.value(topics.PELLETS_SPAWNED) == 2
-    status(nodes, "home_reached")
-    wait_state(nodes, "running")
-    status(nodes, "pellet_collected:0")
-    status(nodes, "pellet_collected:1")
-    assert nodes.value(topics.GAME_EVENT) == "win"
-    wait_state(nodes, "returning_home")
-    assert nodes.value(topics.SCORE) == 2
-
-
-def test_failed_way_home_is_repeated_then_reported_fault_9(nodes: Session) -> None:
-    up(nodes, "show.home_retries=2")
-    running(nodes)
-    status(nodes, "death_detected")
-    wait_state(nodes, "returning_home")
-    for tries in (1, 2, 3):
-        nodes.wait_for(lambda n=tries: nodes.values(topics.GAME_COMMAND).count("return_home") == n + 1, what="a try")
-        assert nodes.value(topics.GAME_STATE) == "returning_home"
-        status(nodes, "home_failed")
-    wait_state(nodes, "menu")
-    assert "home_failed" in nodes.values(topics.GAME_RESULT)
 
 
 def test_referee_stops_robot_before_it_leaves_fault_13(nodes: Session, state_folder: Path) -> None:

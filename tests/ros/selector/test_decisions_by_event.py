@@ -101,9 +101,7 @@ def plays(monkeypatch: pytest.MonkeyPatch) -> Plays:
     return play
 
 
-def test_policy_sees_same_situations_by_event(
-    plays: Plays,
-) -> None:
+def test_policy_sees_same_situations_by_event(plays: Plays) -> None:
     (ticks, done), (events, same) = plays("tick", 5, set()), plays("event", 5, set())
     assert [action.kind for action in done] == [action.kind for action in same] == ["send"]
     assert len(ticks.seen) == 120

@@ -45,7 +45,6 @@ class Goal:
         return self._result
 
     def end(self, limit_s: float = 300.0) -> tuple[int, Any]:
-        """Status and result."""
         self._nodes.wait_for(self.result().done, limit_s, "the end of a goal")
         return self.result().result().status, self.result().result().result
 
@@ -61,7 +60,6 @@ class Robot(Session):
     """The node in the two rooms, as the observer sees it."""
 
     def begin(self, **parameters: Any) -> None:
-        """Start the node with these parameters."""
         self.record(topics.ODOMETRY, topics.AMCL_POSE, topics.TF, topics.SCAN, topics.SIMULATED_POSE, FAULTS_NOW)
         self.record(topics.DOCK_STATUS, topics.BATTERY_STATE, topics.HAZARD_DETECTION)
         self.start(SIMULATOR, map_yaml=rooms().save(self.folder / "rooms.yaml"), **parameters)

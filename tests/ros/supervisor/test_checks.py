@@ -137,7 +137,6 @@ def robot(**changes: Any) -> Observations:
 
 
 def simulated(**changes: Any) -> Observations:
-    """The same with the simulated robot."""
     facts = {
         "simulated": True,
         "nodes": (SIM, *(f"{NS}/{name}" for name in (*GAME, SELECTOR))),
@@ -267,6 +266,7 @@ SPEEDY = {"clyde": {"speed_mps": 0.35}, "show": {"start_s": 8.0}}
         ({"delays": {"odom": silent(6.5), "scan": LATE}}, "base's messages", "odom silent for 6.5 s, but scan is not",
          RESTART),
         ({"docked": True}, "dock", "docked, where", UNDOCK),
+        ({"charge": 0.1, "docked": True}, "battery", "10 %, less than", "leave it on its dock"),
         ({"charge": 0.19}, "battery", "19 %, less than 20 %", f"ros2 action send_goal {NS}/dock "),
         ({"scans": None}, "lidar", f"scan not received {WAITED}", f"ros2 service call {NS}/start_motor std_srvs/srv/"),
         ({"scans": None, "docked": True}, "lidar", "scan not received", "undock: a docked TurtleBot 4 stops it"),

@@ -174,27 +174,21 @@ def test_doctor_finds_ready_robot_and_each_fault(domain: int, probe: Probe, robo
     other = load_map("loop")
     probe.publisher(topics.MAP).publish(map_message(other, probe.stamp()))
     robot.pose(90.0, 0.0)
-    for text in (
-        "no JSON",
-        "[1]",
-        '{"node": 1}',
-        '{"node": "x", "started": [NaN, 1, 2], "hash": 1, "map": 2}',
-        "9" * 9,
-    ):
+    started_never = '{"node": "x", "started": [NaN, 1, 2], "hash": 1, "map": 2}'
+    for text in ("no JSON", "[1]", '{"node": 1}', started_never, "9" * 9):
         probe.publisher(topics.CONFIGURATION).publish(topics.CONFIGURATION.type(data=text))
     probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="\x1b[2J"))
     lost = transform_message("odom", "wheel", (float("nan"), 0.0, 0.0), probe.stamp())
-    remedies = {
-        "time of odom": ("3.", "sudo chronyc makestep"),
-        "time of tf": ("3.", "sudo chronyc makestep"),
-        "dock": ("docked", f'ros2 action send_goal {NS}/undock irobot_create_msgs/action/Undock "{{}}"'),
-        "battery": ("10 %", "leave it on its dock"),
-        "map": ("not house: size", "localization.launch.py namespace:=/robot_15 map:="),
-        "pose": ("off the map", '"2D Pose Estimate"'),
-        "Nav2's nodes": ("planner_server is inactive", f"ros2 service call {NS}/lifecycle_manager_"),
-        "clyde_obstacle": ("no subscription of local_costmap and global_costmap discovered within", "config/nav2.yaml"),
-        "clyde_trail": ("no subscription of local_costmap and global_costmap discovered within", "config/nav2.yaml"),
+    summaries = {
+        "time of odom": "3.",
+        "time of tf": "3.",
+        "dock": "docked",
+        "battery": "10 %",
+        "map": "not house: size",
+        "pose": "off the map",
+        "Nav2's nodes": "planner_server is inactive",
+        **dict.fromkeys(("clyde_obstacle", "clyde_trail"), "no subscription of local_costmap and global_costmap"),
     }
 
     def broken() -> None:
@@ -203,11 +197,9 @@ def test_doctor_finds_ready_robot_and_each_fault(domain: int, probe: Probe, robo
 
     def named(found: dict[str, Finding]) -> bool:
         known = "tf to base" in found and found["tf to base"].status == OK  # not where this process was held up
-        return known and all(is_bad(found, check, seen) for check, (seen, _) in remedies.items())
+        return known and all(is_bad(found, check, seen) for check, seen in summaries.items())
 
     said = diagnose(domain, named, broken, map=robot.house)
-    for check, (_, remedy) in remedies.items():
-        assert remedy in f"{said[check].remedy}: {said[check].command}", check
     assert said["configuration"].status == UNKNOWN
     assert said["tf to base"].status == OK, said["tf to base"]
 

@@ -47,7 +47,6 @@ def noting(tmp_path: Path) -> str:
 
 
 def notes(folder: Path) -> dict[int, dict[str, Any]]:
-    """By process."""
     return {int(path.stem): json.loads(path.read_text() or "{}") for path in (folder / "notes").glob("*.json")}
 
 

@@ -23,12 +23,10 @@ import pytest
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.checks.check import BAD, OK
+from pacman_env.ros.supervisor.checks.check import OK
 from pacman_env.ros.supervisor.doctor import doctor
 from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
-from pacman_env.world.maps.occupancy import load_map
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
-from tests.ros.supervisor.test_doctor import diagnose, is_bad
 from tests.ros.system import Probe, System
 from tests.web.pages import Page, decode
 
@@ -316,20 +314,6 @@ def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
     assert "0.0 % differ from house" in text
     assert "menu, policy nearest" in text
     assert max(len(line) for line in text.splitlines()) <= COLUMNS
-
-    loop = load_map("loop")
-    size, plays_on = "not loop: size 300 x 283, here", f"map loop is {loop.hash[:12]}"
-    said = diagnose(
-        domain,
-        lambda found: is_bad(found, "map", size) and is_bad(found, "configuration", plays_on),
-        map=loop,
-    )
-    assert "localization and game need one file" in said["map"].remedy
-    assert said["configuration"].command.startswith("pacman-env ros up --map loop")
-
-    said = diagnose(domain, lambda found: "others in /robot_15" in found["namespace"].summary, namespace="/robot_7")
-    assert said["namespace"].status == BAD
-    assert "did you mean --namespace robot_15?" in said["namespace"].remedy
 
 
 def test_second_game_is_refused_by_nodes_of_first(game: Game) -> None:

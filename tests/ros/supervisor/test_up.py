@@ -19,7 +19,7 @@ from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import rounds as rounds_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
+from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
 from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
@@ -27,8 +27,6 @@ from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOpti
 from tests.ros import session
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
-
-
 #: One node cannot be started; the others are processes that have begun, compute nothing beside it and end with their
 #: parent.
 BROKEN = """
@@ -112,10 +110,7 @@ def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pyt
 
 UP = ["up", "--map", "house", "--policy", "nearest"]
 BAD_DOMAIN = {"ROS_DOMAIN_ID": "abc"}, "ROS_DOMAIN_ID 'abc': must be a whole number, 0 to 232"
-OTHER_MIDDLEWARE = (
-    {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"},
-    "rmw_cyclonedds_cpp is not installed: unset it",
-)
+OTHER_MIDDLEWARE = {"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, "rmw_cyclonedds_cpp is not installed: unset it"
 NO_NAV2 = {"PATH": "/nowhere"}, "ros2 and nav2_bringup not found"
 
 
@@ -164,12 +159,6 @@ def test_lock_step_is_refused_with_other_middleware(monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
     with pytest.raises(ValueError, match="--lock-step: only with rmw_fastrtps_cpp"):
         up_module.check(GameSetup("house", sim=True, lock_step=True))
-
-
-def test_home_is_three_finite_numbers() -> None:
-    assert GameSetup("house", home=(1.0, 2.0, 0.5)).parameters(SELECTOR)["home"] == [1.0, 2.0, 0.5]
-    with pytest.raises(ValueError, match="home"):
-        GameSetup("house", home=(1.0, 2.0, float("inf")))
 
 
 def test_command_without_ros_names_installation(
