@@ -91,7 +91,6 @@ class Visitor:
             self.page.wait_for_timeout(25)
 
     def press(self, *names: str) -> None:
-        """Buttons by id, one after the other."""
         for name in names:
             self.page.click(f"#{name}")
 

@@ -15,7 +15,6 @@ from tests.web.scripted_game import ScriptedGame
 
 @pytest.fixture
 def lines() -> list[str]:
-    """The log of the servers."""
     return []
 
 

@@ -48,7 +48,6 @@ class Play:
 
     @property
     def frame(self) -> Frame:
-        """The newest frame."""
         frame = self.page.frame()
         assert isinstance(frame, Frame)
         return frame
@@ -63,7 +62,6 @@ class Play:
         return abs(v) < STILL_MPS and abs(omega) < STILL_RADPS
 
     def news_number(self) -> int:
-        """The number of the newest entry."""
         return max((one["number"] for one in self.page.news(0)), default=0)
 
     def heard(self, what: str, after: int = 0) -> list[Any]:
@@ -71,7 +69,6 @@ class Play:
         return [one[what] for one in self.page.news(after) if what in one]
 
     def menu(self) -> None:
-        """End everything that goes on."""
         self.release()
         self.leave()
         self.handle(m.Reset())
@@ -190,12 +187,7 @@ class GameContract:
     def test_impossible_request_is_refused(self, play: Play) -> None:
         play.menu()
         before = play.page.scene()
-        for message in (
-            m.Event(word="birthday"),
-            m.Setup(map="nowhere"),
-            m.Setup(policy="nobody"),
-            m.Setup(level=3),
-        ):
+        for message in (m.Event(word="birthday"), m.Setup(map="nowhere"), m.Setup(policy="nobody"), m.Setup(level=3)):
             with pytest.raises(Refused):
                 play.handle(message)
         assert play.page.scene() == before

@@ -8,7 +8,6 @@ import socket
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from types import TracebackType
 from typing import Any
 
 import httpx
@@ -59,12 +58,10 @@ def _to_array(kind: Any, values: Any) -> NDArray[Any]:
 
 
 def decode(message: str | bytes) -> Frame:
-    """The frame of a message."""
     return msgspec.json.decode(message, type=Frame, dec_hook=_to_array)
 
 
 def decode_all(message: bytes) -> list[Frame]:
-    """The frames of a recorded round."""
     return msgspec.json.decode(message, type=list[Frame], dec_hook=_to_array)
 
 
@@ -91,13 +88,10 @@ class Page:
     def __enter__(self) -> Page:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         self.close()
 
     def close(self) -> None:
-        """Go away."""
         self._opened.close()
 
     @property
@@ -140,12 +134,10 @@ class Page:
         return self._id
 
     def ask(self, do: str, **fields: Any) -> dict[str, Any]:
-        """Say it and read the answer."""
         number = self.send(do, **fields)
         return self.wait("answer", lambda text: text["id"] == number)
 
     def listen(self, seconds: float) -> None:
-        """Read what comes."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:

@@ -211,10 +211,11 @@ def test_control_belongs_to_one_person_until_given(game: ScriptedGame, server: W
         assert not one.ask("start")["ok"]
 
 
-def test_control_is_free_after_page_has_left(serve: Callable[..., WebServer], monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("cause", ["time", "menu"])
+def test_control_is_free_after_page_has_left(
+    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch, cause: str
+) -> None:
     monkeypatch.setattr(control, "KEPT_S", 600.0)
-    game = ScriptedGame()
-    server = serve(game)
     with Page(server) as other:
         with Page(server) as one:
             one.ask("control", what="take")
@@ -222,25 +223,10 @@ def test_control_is_free_after_page_has_left(serve: Callable[..., WebServer], mo
             other.people(operator=one.name)
         wait_for(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
-        monkeypatch.setattr(control, "KEPT_S", 0.0)
-        other.people(operator=None)
-        assert other.ask("start")["ok"]
-        assert other.ask("role", role="robot")["ok"]
-
-
-def test_control_is_free_at_once_in_menu(
-    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(control, "KEPT_S", 600.0)
-    game.state = "menu"
-    with Page(server) as other:
-        with Page(server) as one:
-            one.ask("control", what="take")
-            one.ask("role", role="robot")
-            other.people(operator=one.name)
-        other.people(operator=None)
-        with Page(server, again=one.hello["again"]):
-            assert other.people(operator=one.name)["roles"]["robot"] == one.name
+        if cause == "time":
+            monkeypatch.setattr(control, "KEPT_S", 0.0)
+        else:
+            game.state = "menu"
         other.people(operator=None)
         assert other.ask("start")["ok"]
         assert other.ask("role", role="robot")["ok"]
@@ -272,10 +258,7 @@ def test_page_regains_name_control_role_on_return(game: ScriptedGame, server: We
         assert back.ask("start")["ok"]
 
 
-def test_page_returning_early_replaces_its_old_connection(
-    game: ScriptedGame,
-    server: WebServer,
-) -> None:
+def test_page_returning_early_replaces_its_old_connection(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one:
         one.ask("control", what="take")
         with Page(server, again=one.hello["again"]) as back:

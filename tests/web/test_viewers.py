@@ -5,15 +5,7 @@ import json
 import time
 from typing import Any
 
-from pacman_env.web.viewers import (
-    MESSAGES_PER_S,
-    MOST_PICTURES,
-    MOST_TEXTS,
-    PATIENCE,
-    Audience,
-    Outbox,
-    Viewer,
-)
+from pacman_env.web.viewers import MESSAGES_PER_S, MOST_PICTURES, MOST_TEXTS, PATIENCE, Audience, Outbox, Viewer
 from tests.web.scripted_game import ScriptedGame
 
 NEWCOMER = ["hello", "scene", "people", "frame"]
