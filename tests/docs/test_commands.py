@@ -44,11 +44,7 @@ def test_every_named_command_is_run_or_has_a_reason() -> None:
             assert any(f"{words} ".startswith(f"{one.words} ") for words in run), one
     for pattern in TABLE["left out"].values():
         assert any(re.fullmatch(pattern, one.words) for one in COMMANDS), pattern
-    for pattern in [pattern for pattern, _ in TABLE["changed"]] + [
-        *TABLE["short"],
-        *TABLE["servers"],
-        *TABLE["before"],
-    ]:
+    for pattern in (*dict(TABLE["changed"]), *TABLE["short"], *TABLE["servers"], *TABLE["before"]):
         assert any(re.search(pattern, text) for words in run for text in (words, named.short(words))), pattern
 
 
@@ -60,17 +56,7 @@ def wheels() -> Path:
     stamp, wanted = folder / "stamp", hashlib.sha256(texts).hexdigest()
     if not stamp.exists() or stamp.read_text() != wanted:
         shutil.rmtree(folder, ignore_errors=True)
-        pip = (
-            sys.executable,
-            "-m",
-            "pip",
-            "--quiet",
-            "wheel",
-            "--wheel-dir",
-            folder,
-            "--constraint",
-            "constraints.txt",
-        )
+        pip = (sys.executable, "-m", "pip", "wheel", "--quiet", "--wheel-dir", folder, "-c", "constraints.txt")
         call(*pip, ".[dev,ros,web]", "setuptools>=77", "jupyterlab", "pre-commit", cwd=ROOT)
         for own in folder.glob("pacman_env-*"):
             own.unlink()
