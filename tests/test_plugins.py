@@ -184,11 +184,7 @@ def test_example_ghost_waits_ahead_of_robot(example: None) -> None:
         (make_config, "tests.test_plugins:OWN", "unknown configuration field 'one'"),
         (make_ghost, "sulk", r"unknown ghost behaviour 'sulk': choose one of .*, ambush, or"),
         (make_ghost, "json:loads", r"clyde\.ghosts = \('json:loads',\): .*, must be a Behaviour"),
-        (
-            make_kinds,
-            ("features", "tests.test_plugins:Twice"),
-            "kind 'twice': 'robot' is in the observation",
-        ),
+        (make_kinds, ("features", "tests.test_plugins:Twice"), "kind 'twice': 'robot' is in the observation"),
         (make_kinds, ("thrice",), r"observation.kinds = .*unknown observation kind 'thrice'"),
     ],
 )

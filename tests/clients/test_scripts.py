@@ -74,8 +74,7 @@ def evaluate() -> Any:
 
 
 @pytest.mark.parametrize(
-    ("script", "algorithm"),
-    [("sb3_ppo.py", stable_baselines3.PPO), ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO)],
+    ("script", "algorithm"), [("sb3_ppo.py", stable_baselines3.PPO), ("sb3_maskable_ppo.py", sb3_contrib.MaskablePPO)]
 )
 @pytest.mark.daily
 def test_stable_baselines3_model_plays_every_map_after_learning(script: str, algorithm: Any, tmp_path: Path) -> None:

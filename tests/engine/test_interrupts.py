@@ -35,11 +35,7 @@ def handled(monkeypatch: pytest.MonkeyPatch) -> None:
 @BOTH
 @pytest.mark.parametrize(
     ("inner", "expected"),
-    [
-        (nullcontext, ["begun", "ended", "outer"]),
-        (uninterrupted, ["begun", "ended"]),
-        (interruptible, ["begun"]),
-    ],
+    [(nullcontext, ["begun", "ended", "outer"]), (uninterrupted, ["begun", "ended"]), (interruptible, ["begun"])],
     ids=["none", "inner", "wait"],
 )
 def test_signal_waits_for_end_of_block_except_in_waits(number: int, inner: Any, expected: list[str]) -> None:

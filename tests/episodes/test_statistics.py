@@ -51,10 +51,7 @@ def pairs(both: int, ours: int, theirs: int, neither: int) -> tuple[NDArray[np.b
 @pytest.mark.parametrize(
     ("table", "difference", "low", "high"),
     # Newcombe, Statistics in Medicine 17 (1998) 2635-2650, method 10
-    [
-        ((36, 12, 2, 0), 0.2, 0.0569, 0.3404),
-        ((20, 12, 2, 16), 0.2, 0.0562, 0.3292),
-    ],
+    [((36, 12, 2, 0), 0.2, 0.0569, 0.3404), ((20, 12, 2, 16), 0.2, 0.0562, 0.3292)],
 )
 def test_paired_difference_gives_published_limits(
     table: tuple[int, int, int, int], difference: float, low: float, high: float

@@ -23,10 +23,7 @@ def test_counts_follow_the_tasks() -> None:
 
 
 def test_lost_worker_is_logged_counted_and_shown(
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    caplog: pytest.LogCaptureFixture,
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     tasks = [(str(tmp_path), number) for number in range(6)]

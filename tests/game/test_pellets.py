@@ -25,10 +25,7 @@ class GreyMap:
 def brute_force(map: GreyMap, config: PelletConfig) -> list[tuple[int, int]]:
     """Algorithm 1 as the document writes it, one candidate at a time."""
     height, width = map.grey.shape
-    step, clearance = (
-        round(config.spacing_m / map.resolution),
-        round(config.wall_clearance_m / map.resolution),
-    )
+    step, clearance = (round(config.spacing_m / map.resolution), round(config.wall_clearance_m / map.resolution))
     found = []
     for v in range(0, height, step):
         for u in range(0, width, step):
@@ -70,7 +67,7 @@ def test_free_cells_are_brighter_than_threshold(grey: int, count: int) -> None:
 def test_set_without_pellets_keeps_its_shapes() -> None:
     pellets = generate_pellets(GreyMap(np.zeros((5, 5), np.uint8)), PelletConfig())
     assert [(a.shape, a.dtype) for a in (pellets.ids, pellets.position, pellets.pixel)] == [
-        *[((0,), np.int64), ((0, 2), np.float64), ((0, 2), np.int64)],
+        *[((0,), np.int64), ((0, 2), np.float64), ((0, 2), np.int64)]
     ]
 
 

@@ -211,10 +211,7 @@ def test_scores_are_independent_of_map_frame(seed: int, angle: float, shift: tup
     robot = situation.robot.copy()
     robot[:, :2] = robot[:, :2] @ turn.T + shift
     moved = replace(
-        situation,
-        robot=robot,
-        clyde=situation.clyde @ turn.T + shift,
-        position=situation.position @ turn.T + shift,
+        situation, robot=robot, clyde=situation.clyde @ turn.T + shift, position=situation.position @ turn.T + shift
     )
     np.testing.assert_allclose(ClydeAware(form).scores(moved), ClydeAware(form).scores(situation), atol=1e-9)
 

@@ -157,8 +157,7 @@ def test_invalid_checkpoint_is_refused_by_name(damage: str, checkpoint: Path, tm
 
 
 @pytest.mark.parametrize(
-    ("damage", "kind"),
-    [("other-network", "a model of Stable-Baselines3"), ("torn", "no zip file, or cut off")],
+    ("damage", "kind"), [("other-network", "a model of Stable-Baselines3"), ("torn", "no zip file, or cut off")]
 )
 def test_foreign_zip_is_described(damage: str, kind: str, checkpoint: Path, tmp_path: Path) -> None:
     path = Path(shutil.copy(checkpoint, tmp_path))

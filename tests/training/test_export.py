@@ -95,11 +95,7 @@ def _spoilt() -> EntityNetwork:
         (_spoilt(), FACTS, "and finite"),
         (EntityNetwork(SIZES[0] + 1, SIZES[1]), FACTS, "candidate and global features, this version has"),
         (EntityNetwork(SIZES[0], SIZES[1] - 1), FACTS, "candidate and global features, this version has"),
-        (
-            random_network(),
-            structs.replace(FACTS, metrics={"a": float("nan")}),
-            r"mine\.json: metrics\.a = nan",
-        ),
+        (random_network(), structs.replace(FACTS, metrics={"a": float("nan")}), r"mine\.json: metrics\.a = nan"),
         (random_network(), structs.replace(FACTS, robot_speed_mps=0.0), "robot_speed_mps = 0.0"),
     ],
     ids=["other-numbers", "no-number", "candidate-features", "global-features", "metrics", "speed"],

@@ -6,15 +6,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.search.search import Search
-from pacman_env.training.lineups import (
-    behaviours,
-    checked,
-    make_teacher,
-    searches,
-    speeds,
-    sub_batches,
-    teacher_name,
-)
+from pacman_env.training.lineups import behaviours, checked, make_teacher, searches, speeds, sub_batches, teacher_name
 
 EIGHT = ["wander", "wander", "wander,wander", "arcade", "chase", "arcade,chase", "wander,arcade,chase,wander", "chase"]
 

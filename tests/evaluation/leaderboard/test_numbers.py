@@ -83,10 +83,7 @@ def test_planner_is_compared_with_best_other_policy() -> None:
     found = against([planner], others)
     assert found is not None
     assert (found.other, found.verdict) == ("best", "better")
-    assert (found.difference, found.ci) == paired_difference(
-        np.arange(100) < 60,
-        np.arange(100) < 20,
-    )
+    assert (found.difference, found.ci) == paired_difference(np.arange(100) < 60, np.arange(100) < 20)
     assert against(others["low"], {"planner": [planner]}).verdict == "WORSE"  # type: ignore[union-attr]
     assert against([planner], {"planner": [planner]}).verdict == "not different"  # type: ignore[union-attr]
     assert against([planner], {}) is None

@@ -152,8 +152,7 @@ def test_behaviours_without_chance_are_predictable() -> None:
 
 
 @pytest.mark.parametrize(
-    "parameters",
-    [{"nodes": 0}, {"samples": 17}, {"segment_s": 1.0}, {"lead_m": float("nan")}, {"behaviours": "guess"}],
+    "parameters", [{"nodes": 0}, {"samples": 17}, {"segment_s": 1.0}, {"lead_m": float("nan")}, {"behaviours": "guess"}]
 )
 def test_bad_parameters_are_named(parameters: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=next(iter(parameters))):

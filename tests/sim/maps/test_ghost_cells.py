@@ -10,14 +10,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import ClydeConfig, ConfigError, make_config
 from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.ghost_cells import (
-    DIAGONAL,
-    STRAIGHT,
-    ClydeCells,
-    clyde_cells,
-    find_path,
-    search_memory,
-)
+from pacman_env.sim.maps.ghost_cells import DIAGONAL, STRAIGHT, ClydeCells, clyde_cells, find_path, search_memory
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.drawn import box, drawn
 from tests.shared import shared_path

@@ -137,10 +137,7 @@ def test_few_unsure_pixels_cause_no_warning() -> None:
     assert not warnings_with(check(picture(*rows), home=None), "unknown loads as free")
 
 
-@given(
-    cells=st.lists(st.tuples(st.integers(0, 12), st.integers(0, 6)), max_size=6),
-    yaw=st.floats(-math.pi, math.pi),
-)
+@given(cells=st.lists(st.tuples(st.integers(0, 12), st.integers(0, 6)), max_size=6), yaw=st.floats(-math.pi, math.pi))
 @settings(max_examples=40)
 def test_turned_map_frame_changes_no_answer(cells: list[tuple[int, int]], yaw: float) -> None:
     straight = two_rooms("##..#")

@@ -23,10 +23,7 @@ from tests.world.map_files import chunk, pgm, png, refusal, row, write_map
         (png(4, 0, 16, struct.pack(">4H", 0, 128, 129, 65535)), [0, 0, 1, 255]),
         (png(4, 0, 1, bytes([0b0110_0000])), [0, 255, 255, 0]),
         (png(4, 0, 4, bytes([0x0F, 0x3A])), [0, 255, 51, 170]),
-        (
-            png(4, 3, 8, bytes([0, 1, 1, 0]), chunk(b"PLTE", bytes([254, 254, 254, 255, 0, 0]))),
-            [254, 76, 76, 254],
-        ),
+        (png(4, 3, 8, bytes([0, 1, 1, 0]), chunk(b"PLTE", bytes([254, 254, 254, 255, 0, 0]))), [254, 76, 76, 254]),
         (png(4, 2, 8, bytes([255, 0, 0, 0, 255, 0, 0, 0, 255, 9, 9, 9])), [76, 150, 29, 9]),
         (cv2.imencode(".bmp", np.array([[0, 60, 205, 255]], np.uint8))[1].tobytes(), [0, 60, 205, 255]),
         (cv2.imencode(".bmp", np.array([[[9, 9, 9, 0]] * 4], np.uint8))[1].tobytes(), [9] * 4),
