@@ -126,7 +126,7 @@ def test_death_follows_the_recorded_game() -> None:
     assert game.result == "Death - Score: 1"
 
 
-def test_stale_pellet_report_does_not_prevent_completion() -> None:
+def test_stale_pellet_report_blocks_no_completion_fault_7() -> None:
     game = running(2)
     game.status("pellet_collected:0", 20.0)
     game.pellets_left([1], 20.5)
@@ -162,7 +162,7 @@ def test_round_waits_for_its_first_pellet(reported: bool) -> None:
     assert not awaits_pellets(game, 21.1)
 
 
-def test_failed_way_home_is_retried_then_reported() -> None:
+def test_failed_way_home_is_retried_then_reported_fault_9() -> None:
     game = RoundController(show=ShowConfig(home_retries=2, home_retry_s=5.0))
     game.start(0.0)
     for now in (10.0, 20.0):
