@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -129,12 +130,16 @@ class Game:
     def drive(self, node: str) -> None:
         """Have the robot drive to a goal that is far away."""
         pressed_s = 0.0
+
+        def is_ready(drives: bool) -> bool:
+            nonlocal pressed_s
+            if "".join(self.terminal.lines[-1:]).startswith("menu") and time.monotonic() > pressed_s + 5.0:
+                pressed_s = time.monotonic()
+                self.terminal.press("s")
+            return self.wheels.drives == drives and self.pid(node) is not None
+
         for drives in (False, True):
-            while self.wheels.drives != drives or not self.pid(node):
-                if "".join(self.terminal.lines[-1:]).startswith("menu") and time.monotonic() > pressed_s + 5.0:
-                    pressed_s = time.monotonic()
-                    self.terminal.press("s")
-                time.sleep(0.05)
+            self.wait_for(partial(is_ready, drives), f"{node} in a robot that {'drives' if drives else 'stands'}")
 
     def cause(self, part: str, fault: str) -> None:
         if part != POLICY:
