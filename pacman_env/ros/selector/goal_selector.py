@@ -25,6 +25,7 @@ from pacman_env.ros.selector.reasons import POLICY_FAILS
 from pacman_env.ros.selector.rehearsal import rehearsed
 from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
+from pacman_env.ros.surroundings import current
 from pacman_env.world.maps.occupancy import MapError
 
 NAME = "goal_selector"
@@ -132,7 +133,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
             HEART.beat(LONG_S)
             try:
-                self._loaded = change.value, rehearsed(make_policy(change.value), selection.view, self.config)
+                policy = rehearsed(make_policy(change.value), selection.view, self.config, current().perf_counter)
+                self._loaded = change.value, policy
             except _UNUSABLE as error:
                 return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

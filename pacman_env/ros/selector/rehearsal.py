@@ -1,6 +1,8 @@
 """Run a policy once before the game, so that everything that it needs is loaded and compiled."""
 
 import math
+import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -8,22 +10,24 @@ from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import CHASES
 from pacman_env.policies.asking import choose, name_of, reset, scores
 from pacman_env.policies.base import Policy
-from pacman_env.ros.surroundings import current
 from pacman_env.sim.observation.robot_view import RobotView
 
 SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
 
 
-def rehearsed(policy: Policy, view: RobotView, config: Config) -> Policy:
+def rehearsed(
+    policy: Policy, view: RobotView, config: Config, clock_s: Callable[[], float] = time.perf_counter
+) -> Policy:
     """Run the policy and return it; raises ValueError or TypeError if it fails, or needs more than ``SLOW_S``.
 
-    It sees a wandering and a chasing ghost, because a map of its own predicts the chase.
+    ``clock_s`` measures the choices in s; it stands still in lock-step. The policy sees a wandering ghost and a chasing
+    one, because a map of its own predicts the chase.
     """
     situation, first = view.rehearsal(), np.ones(1, np.bool_)
     chased = situation.copy()
     chased.belief[...] = np.eye(chased.belief.shape[-1])[CHASES]
     reset(policy, first, config)
-    clock_s, fastest_s = current().perf_counter, math.inf
+    fastest_s = math.inf
     for seen in (situation, chased, situation):  # the first calls may compile
         scores(policy, seen)
         start_s = clock_s()

@@ -83,7 +83,7 @@ class Selection:
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
-        self.spec, self.policy = policy, rehearsed(instance, self.view, config)
+        self.spec, self.policy = policy, rehearsed(instance, self.view, config, self._perf_counter)
         self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
         self._believed = BelievedPose(limits.timeout_s)
         self._ghosts = GhostWatch()

@@ -1,12 +1,14 @@
 """A policy is rehearsed before the game."""
 
+from collections.abc import Callable
+from itertools import accumulate
+
 import numpy as np
 import pytest
 
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.selector.rehearsal import rehearsed
-from pacman_env.ros.surroundings import Surroundings, within
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level import COARSE_MAP
 from pacman_env.sim.observation.robot_view import RobotView
@@ -23,22 +25,15 @@ def test_rehearsal_prepares_map_that_predicts_chase() -> None:
     assert level.find(COARSE_MAP) is not None
 
 
-class Ticking(Surroundings):
-    """A clock on which the first choices take ``first_s`` and all others ``later_s``."""
-
-    def __init__(self, first_s: float, later_s: float) -> None:
-        self._steps_s = iter([0.0, first_s, 0.0, first_s, *[0.0, later_s] * 9])
-        self._now_s = 0.0
-
-    def perf_counter(self) -> float:
-        self._now_s += next(self._steps_s)
-        return self._now_s
+def ticking(first_s: float, later_s: float) -> Callable[[], float]:
+    """Return a clock on which the first two choices take ``first_s`` and all others ``later_s``."""
+    times_s = accumulate([0.0, first_s, 0.0, first_s, *[0.0, later_s] * 9])
+    return lambda: next(times_s)
 
 
 def test_policy_that_is_always_slow_is_refused() -> None:
     config = make_config("robot")
     view, policy = RobotView(map_assets("house", config), config), make_policy("nearest")
-    with within(Ticking(60.0, 0.5)):
-        assert rehearsed(policy, view, config) is policy
-    with within(Ticking(60.0, 3.0)), pytest.raises(ValueError, match=r"'?nearest'?: needs 3\.0 s"):
-        rehearsed(policy, view, config)
+    assert rehearsed(policy, view, config, ticking(60.0, 0.5)) is policy
+    with pytest.raises(ValueError, match=r"'?nearest'?: needs 3\.0 s"):
+        rehearsed(policy, view, config, ticking(60.0, 3.0))
