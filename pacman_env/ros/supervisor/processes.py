@@ -188,8 +188,7 @@ class ProcessGroup:
         others = [name for name in self._members if name not in (*first, *last)]
         for names in (first, others, last):
             members = [self._members.pop(name) for name in names if name in self._members]
-            processes = {member.name: member.process for member in members}
-            running = {name: process for name, process in processes.items() if process and process.poll() is None}
+            running = {one.name: one.process for one in members if one.process and one.process.poll() is None}
             halts = halt if members and names is first else lambda: None
             late = lambda names=members: [member.name for member in names if member.is_frozen]  # noqa: E731
             killed += end(running, PATIENCE_S, waiting, late, halts)
@@ -228,14 +227,17 @@ def end(
 ) -> list[str]:
     """Terminate processes together; kill frozen ones and those that do not end in time, and return their names.
 
-    Calls ``meanwhile`` before it waits, and ``waiting`` with the names of the running processes whenever one has ended.
+    Calls ``waiting`` with all names, then ``meanwhile``, then ``waiting`` with the names of the running processes
+    whenever one has ended.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():
         process.terminate()
+    previous = list(processes)
+    if previous:
+        waiting(previous)
     meanwhile()
     killed: list[str] = []
-    previous: list[str] = []
     while running := [name for name, process in processes.items() if process.poll() is None]:
         if running != previous:
             waiting(running)

@@ -122,6 +122,15 @@ def test_nodes_stop_in_order(group: ProcessGroup, folder: Path) -> None:
     assert (ended[0], set(ended[1:3]), ended[3:]) == ("second", {"waits", "waits_too"}, ["first"])
 
 
+def test_node_that_ends_during_halt_is_named(group: ProcessGroup, folder: Path) -> None:
+    group.start("first")
+    ready(group, "first")
+    named: list[list[str]] = []
+    ended = (folder / "order").exists
+    group.stop(["first"], halt=lambda: wait_for(ended, "the end"), waiting=lambda names: named.append(list(names)))
+    assert named[0] == ["first"]
+
+
 def test_stubborn_node_is_killed_and_named(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE_S", 0.2)
     group.start("stubborn")
