@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.files import prepare, write_json
 
 T = TypeVar("T")

@@ -34,9 +34,9 @@ def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
     from benchmarks.transcript import Transcript
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
+    from pacman_env.ros.game_nodes import REFEREE, GameSetup
     from pacman_env.ros.lock_step.game import LockStepGame
     from pacman_env.ros.node import BaseNode
-    from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
 
     class Spectator(BaseNode):
         def __init__(self) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
-from pacman_env.cli.command import finite_number
+from pacman_env.command_line.command import finite_number
 from tools.common import table
 
 PROGRAM = ROOT / "pacman_env" / "evaluation" / "benchmark.py"

@@ -25,8 +25,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
-from pacman_env.ros.supervisor import nav2
-from pacman_env.ros.supervisor.game_nodes import (
+from pacman_env.ros.game_nodes import (
     COMPOSED,
     FIRST_STEP,
     LOCK_STEP,
@@ -39,6 +38,7 @@ from pacman_env.ros.supervisor.game_nodes import (
     GameSetup,
     following,
 )
+from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.processes import BAD_START
 
 ARGUMENTS = (

@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
-    ("config", "engine", "plugins", "rng", "files", "_version"),
+    ("config", "engine", "command_line", "plugins", "rng", "files", "_version"),
     ("world", "game"),
     ("sim",),
     ("policies",),

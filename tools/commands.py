@@ -6,8 +6,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 
-from pacman_env.cli.command import Parser, run_command
 from pacman_env.cli.main import MODULES, make_parser
+from pacman_env.command_line.command import Parser, run_command
 from tools.common import ROOT, add_check, update
 
 PAGE = ROOT / "docs" / "commands.md"

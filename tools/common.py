@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import Parser
+from pacman_env.command_line.command import Parser
 from pacman_env.files import write_text
 from pacman_env.render.palette import Theme
 

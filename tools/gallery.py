@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.replay import RecordedGame, film, record_games

@@ -19,7 +19,7 @@ import numpy as np
 import pettingzoo
 from gymnasium import spaces
 
-from pacman_env.cli.command import Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.config import Config
 from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv

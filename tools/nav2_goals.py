@@ -26,16 +26,16 @@ from action_msgs.msg import GoalStatus
 from numpy.typing import NDArray
 from rclpy.parameter import Parameter
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.evaluation.checks.recorded_goals import REST_MPS, REST_RADPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
+from pacman_env.ros.game_nodes import SIMULATOR, GameSetup, full_namespace
 from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.supervisor import nav2
-from pacman_env.ros.supervisor.game_nodes import SIMULATOR, GameSetup, full_namespace
 from pacman_env.world.maps.occupancy import load_map
 from pacman_env.world.navigation.localization import compose
 from tools.common import ROOT

@@ -21,12 +21,12 @@ from typing import Any
 from rclpy.parameter import Parameter
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join, provide_log_folder
+from pacman_env.ros.game_nodes import NAMESPACE, full_namespace
 from pacman_env.ros.messages import pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
-from pacman_env.ros.supervisor.game_nodes import NAMESPACE, full_namespace
 from pacman_env.world.maps.occupancy import map_name
 
 BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP

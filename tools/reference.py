@@ -20,8 +20,8 @@ import numpy as np
 
 from pacman_env import config
 from pacman_env.cli import main as cli
-from pacman_env.cli.command import Parser, run_command
-from pacman_env.cli.options import help_texts
+from pacman_env.command_line.command import Parser, run_command
+from pacman_env.command_line.options import help_texts
 from pacman_env.config import Config, make_config
 from pacman_env.config.described import description_of, unit_of
 from pacman_env.config.validation import kinds

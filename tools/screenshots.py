@@ -13,7 +13,7 @@ from typing import Any
 
 from PIL import Image
 
-from pacman_env.cli.command import Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame

@@ -11,11 +11,11 @@ from importlib import import_module
 from typing import Any
 
 from pacman_env import __version__
-from pacman_env.cli.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
-from pacman_env.cli.examples import first_steps
 from pacman_env.cli.map_group import add_map_group
 from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
+from pacman_env.command_line.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
+from pacman_env.command_line.examples import first_steps
 
 #: Module in this package and purpose, by command.
 MODULES = {

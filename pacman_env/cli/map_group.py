@@ -7,7 +7,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import add_subcommands, finite_number, whole_number
+from pacman_env.command_line.command import add_subcommands, finite_number, whole_number
 
 
 def add_map_group(commands: Any) -> None:
@@ -38,7 +38,7 @@ def _map_check(arguments: argparse.Namespace) -> int:
     from pacman_env.game.pellets import generate_pellets
     from pacman_env.sim.maps.assets import map_assets
     from pacman_env.sim.maps.round_time import time_warning
-    from pacman_env.world.maps.map_check import check_map
+    from pacman_env.world.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
     config = make_config(**({"pellets.spacing_m": arguments.spacing} | parse_settings(arguments.set)))

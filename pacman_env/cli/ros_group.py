@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import add_subcommands, finite_number, whole_number
+from pacman_env.command_line.command import add_subcommands, finite_number, whole_number
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command
 
@@ -98,7 +98,7 @@ def _add_up(group: Any) -> None:
 
 def _up(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
-        from pacman_env.ros.supervisor.game_nodes import GameSetup
+        from pacman_env.ros.game_nodes import GameSetup
         from pacman_env.ros.supervisor.up import UpOptions, up
     setup = GameSetup(
         *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),

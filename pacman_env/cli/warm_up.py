@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from pacman_env.cli.command import whole_number
+from pacman_env.command_line.command import whole_number
 
 _STEPS = 12
 _SHORT = {"time_limit_s": 4.0}  # short, so that rounds end and start
@@ -143,7 +143,7 @@ def _two_players() -> None:
 
 def _robot() -> None:
     from pacman_env.policies.registry import policy_names
-    from pacman_env.ros.supervisor.game_nodes import GameSetup
+    from pacman_env.ros.game_nodes import GameSetup
     from pacman_env.ros.supervisor.preparation import jobs
     from pacman_env.ros.supervisor.warm_up import rehearse
 

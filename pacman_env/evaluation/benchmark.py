@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 # This file also runs as a script on the code of another checkout (benchmarks/versions.py), so it imports little.
 import pacman_env
-from pacman_env.cli.command import Parser, count, finite_number, run_command
+from pacman_env.command_line.command import Parser, count, finite_number, run_command
 from pacman_env.files import prepare, write_json
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps import level_source

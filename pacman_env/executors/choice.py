@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
-from pacman_env.cli.command import guarded, whole_number
+from pacman_env.command_line.command import guarded, whole_number
 from pacman_env.engine.cores import cores
 
 from .base import Executor, InProcess, InThreads

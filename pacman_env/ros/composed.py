@@ -12,8 +12,8 @@ from typing import Any
 from rclpy.utilities import remove_ros_args
 
 from .discovery import stay_on_this_machine
+from .game_nodes import COMPOSED, GAME, QUIET, from_json
 from .node import BAD_START, BaseNode, node_class, run_together
-from .supervisor.game_nodes import COMPOSED, GAME, QUIET, from_json
 from .surroundings import Surroundings, within
 
 

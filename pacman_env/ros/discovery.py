@@ -14,7 +14,7 @@ import yaml
 
 from pacman_env.files import user_folder
 
-from .supervisor.game_nodes import SIMULATOR
+from .game_nodes import SIMULATOR
 
 COSTMAPS = ("local_costmap", "global_costmap")  # node names
 HIGHEST_DOMAIN = 232  # highest domain of DDS, from its formula for ports

@@ -28,7 +28,7 @@ from pacman_env.ros.messages import (
     word_of,
 )
 from pacman_env.ros.selector.reasons import troubles_of
-from pacman_env.ros.supervisor.terminal import plain
+from pacman_env.ros.text import plain
 
 NO_RESPONSE = "{} does not respond"  # a node
 _LONGEST_REPORT = 10_000  # characters

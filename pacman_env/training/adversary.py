@@ -19,8 +19,8 @@ import torch
 from numpy.typing import NDArray
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser
-from pacman_env.cli.options import add_options, parse_options
+from pacman_env.command_line.command import Parser
+from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor

@@ -20,7 +20,7 @@ from onnx import TensorProto, helper, numpy_helper
 from torch import nn
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.config.validation import located
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.policies.learned import LearnedPlanner

@@ -25,7 +25,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
 from pacman_env.executors.choice import local

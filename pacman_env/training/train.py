@@ -21,8 +21,8 @@ import torch
 from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
-from pacman_env.cli.command import Parser
-from pacman_env.cli.options import add_options, parse_options
+from pacman_env.command_line.command import Parser
+from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.executors.base import Executor, InThreads

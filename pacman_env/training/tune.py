@@ -17,8 +17,8 @@ import yaml
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from pacman_env.cli.command import Parser
-from pacman_env.cli.options import add_options, parse_options
+from pacman_env.command_line.command import Parser
+from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, located
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, run_training

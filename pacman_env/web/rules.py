@@ -19,7 +19,7 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
 from pacman_env.web.game import Refused
 from pacman_env.web.messages import Setup
-from pacman_env.world.maps.map_check import check_map
+from pacman_env.world.map_check import check_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, read_map, shipped_maps
 
 GENERATED = "generated"

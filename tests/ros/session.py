@@ -17,11 +17,11 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import REFEREE, SELECTOR, GameSetup
 from pacman_env.ros.lock_step.game import LockStepGame
 from pacman_env.ros.lock_step.members import Delivery, Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode, node_class
-from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR, GameSetup
 from tests.ros.lock_step.losses import depth_of
 from tests.ros.records import Records
 

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import REFEREE, SELECTOR
 from pacman_env.ros.lock_step.game import RESTART_S
 from pacman_env.ros.messages import pose_message, pose_of
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
-from pacman_env.ros.supervisor.game_nodes import REFEREE, SELECTOR
 from tests.map_parts import part_of_map
 from tests.ros import session
 

@@ -12,9 +12,9 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.standstill import LEASE
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR, module_of
 from tests.map_parts import part_of_map
 from tests.ros.system import Probe, Process, System
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from pacman_env.ros.supervisor.game_nodes import (
+from pacman_env.ros.game_nodes import (
     COMPOSED,
     GAME,
     LOCK_STEP,

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import REFEREE
 from pacman_env.ros.messages import markers_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.supervisor.game_nodes import REFEREE
 from tests.map_parts import part_of_map
 from tests.ros import session
 

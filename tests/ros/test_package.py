@@ -19,7 +19,7 @@ import yaml
 
 from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
+from pacman_env.ros.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
 
 ROOT = Path(__file__).resolve().parents[2]
 VIEW = ROOT / "config" / "game.rviz"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.policies.learned import PRETRAINED
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, module_of
+from pacman_env.ros.game_nodes import SELECTOR, module_of
 
 GHOSTS = "clyde_ghost_node"
 BARE = "its metadata bare.json is missing"

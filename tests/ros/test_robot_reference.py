@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pacman_env.ros.supervisor.game_nodes import NODES
+from pacman_env.ros.game_nodes import NODES
 from tools.robot_reference import main
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import psutil
 
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import COMPOSED, GAME, REFEREE, SELECTOR, SIMULATOR, GameSetup, module_of
+from pacman_env.ros.game_nodes import COMPOSED, GAME, REFEREE, SELECTOR, SIMULATOR, GameSetup, module_of
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros.system import System
 

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.world.maps.occupancy import MapError, map_name, shipped_maps
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import psutil
 
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
 FAULT_STATUS = 1

@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("irobot_create_msgs")
 
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
+from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.supervisor.up import HAD_TO_KILL
 from tests.system.campaign.stops import CTRL_C, POLICY, rows
 

@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig, make_config
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.world.maps.map_check import check_map
+from pacman_env.world.map_check import check_map
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from pacman_env.world.navigation.grid import build_grid, clearance_m, connected_parts
 from tests.world.maps.test_houses import holes

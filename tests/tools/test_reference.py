@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pacman_env.cli.options import help_texts
+from pacman_env.command_line.options import help_texts
 from pacman_env.config import Config
 from pacman_env.config.described import settings
 from pacman_env.envs.registration import FLAT_ID, IDS

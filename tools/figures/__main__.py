@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from tools import ids
 from tools.common import ROOT, add_check, add_names, update
 from tools.figures import store

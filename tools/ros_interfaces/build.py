@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pacman_env.cli.command import ERROR_STATUS, Parser, run_command
+from pacman_env.command_line.command import ERROR_STATUS, Parser, run_command
 from pacman_env.files import install_command
 
 HERE = Path(__file__).resolve().parent

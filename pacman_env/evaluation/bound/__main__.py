@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.command_line.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.config.validation import require
 from pacman_env.episodes.rollout import episode_seeds

@@ -17,7 +17,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import Parser, count, run_command, whole_number
+from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config
 from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
 

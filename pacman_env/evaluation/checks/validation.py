@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pacman_env.cli.command import Parser, count, run_command, whole_number
+from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.config import make_config, parse_settings
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.episodes.statistics import wilson

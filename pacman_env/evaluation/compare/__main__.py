@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from pacman_env.cli.command import Parser, count, run_command, whole_number
+from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.table import WIDTH, groups, render, verdict
 from pacman_env.evaluation.rounds import scenarios

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import parse_settings, preset_names
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.envs.arguments import EnvArguments

@@ -15,7 +15,7 @@ from pathlib import Path
 from numpy.typing import NDArray
 
 from pacman_env import __version__
-from pacman_env.cli.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import Config, preset_names
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.leaderboard import numbers

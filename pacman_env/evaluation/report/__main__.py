@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 import msgspec
 
-from pacman_env.cli.command import Parser, finite_number, run_command, whole_number
+from pacman_env.command_line.command import Parser, finite_number, run_command, whole_number
 from pacman_env.config import ConfigError, located, make_config
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.report.numbers import Results

@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.cli.command import finite_number, whole_number
+from pacman_env.command_line.command import finite_number, whole_number
 from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
 from pacman_env.config.validation import require
 from pacman_env.files import displayable, install_command

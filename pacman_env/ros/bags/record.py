@@ -18,8 +18,8 @@ from rosbags.typesys import Stores, get_typestore
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import new_bag, remedy_for, unfinished_folder
 from pacman_env.ros.discovery import join
+from pacman_env.ros.game_nodes import full_namespace
 from pacman_env.ros.node import BaseNode, run
-from pacman_env.ros.supervisor.game_nodes import full_namespace
 
 NAME = "pacman_recorder"
 RECORDED = (

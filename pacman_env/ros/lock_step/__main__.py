@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from rclpy.utilities import remove_ros_args
 
 from ..discovery import stay_on_this_machine
+from ..game_nodes import LOCK_STEP, from_json
 from ..node import BAD_START, StopSignals
-from ..supervisor.game_nodes import LOCK_STEP, from_json
 from .deliveries import NodeFailed
 from .game import LockStepGame
 

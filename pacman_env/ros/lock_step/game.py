@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from .. import game_nodes
+from ..game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..node import BAD_START, BaseNode, node_class
 from ..nodes.wait_for_amcl_pose import FOUND
-from ..supervisor import game_nodes
-from ..supervisor.game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
 from ..topics import Service
 from .deliveries import NodeFailed
 from .members import Member

@@ -10,9 +10,9 @@ from rclpy.context import Context
 from rclpy.signals import SignalHandlerOptions
 
 from ..discovery import undiscovered
+from ..game_nodes import QUIET
 from ..node import LAST_MESSAGES_S, BaseNode
 from ..rclpy_private import require_known_version
-from ..supervisor.game_nodes import QUIET
 from ..surroundings import within
 from .deliveries import Deliveries
 from .entities import call

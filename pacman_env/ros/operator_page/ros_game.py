@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
+from pacman_env.ros.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
 from pacman_env.ros.messages import pose_message
 from pacman_env.ros.node import event_executor
 from pacman_env.ros.operator_page.page_node import PageNode
@@ -28,7 +29,6 @@ from pacman_env.ros.operator_page.ros_view import RosView
 from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
-from pacman_env.ros.supervisor.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
 from pacman_env.ros.surroundings import current
 from pacman_env.web import messages
 from pacman_env.web.control import ROBOT

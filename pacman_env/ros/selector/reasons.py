@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pacman_env.ros.supervisor.terminal import plain
+from pacman_env.ros.text import plain
 
 POSE_LOST = "pose lost"
 NO_ODOMETRY = "no odometry"

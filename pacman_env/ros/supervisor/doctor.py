@@ -15,11 +15,11 @@ import rclpy
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import NAMELESS, full_name, join, users_environment
+from pacman_env.ros.game_nodes import full_namespace
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import CheckTime, Observations, Request, Source
 from pacman_env.ros.supervisor.checks.network import CLOCK
-from pacman_env.ros.supervisor.game_nodes import full_namespace
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 WAIT_S = 10.0

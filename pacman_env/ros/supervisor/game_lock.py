@@ -8,7 +8,7 @@ import contextlib
 from filelock import BaseFileLock, FileLock, Timeout
 
 from pacman_env.files import user_folder
-from pacman_env.ros.supervisor.game_nodes import full_namespace
+from pacman_env.ros.game_nodes import full_namespace
 
 OTHER = "another ros up on this machine"
 

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pacman_env
-from pacman_env.ros.supervisor.game_nodes import NAV2, NAV2_BRINGUP, NAV2_BY_HAND, GameSetup
+from pacman_env.ros.game_nodes import NAV2, NAV2_BRINGUP, NAV2_BY_HAND, GameSetup
 from pacman_env.world.maps.occupancy import map_file
 
 #: ``ros2 launch`` with Nav2's own launch file of localization and navigation.

@@ -12,7 +12,7 @@ from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 
 from pacman_env.engine.cache_folder import mark
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
+from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.processes import BAD_START, end
 from pacman_env.world.maps.occupancy import load_map
 

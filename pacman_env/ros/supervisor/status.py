@@ -10,7 +10,7 @@ from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
 from pacman_env.ros.game_monitor import MONITORED
-from pacman_env.ros.supervisor.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULATOR
+from pacman_env.ros.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULATOR
 from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 

@@ -16,12 +16,13 @@ from rclpy.parameter import Parameter
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
 from pacman_env.ros.game_monitor import MONITORED, NO_RESPONSE, GameMonitor
+from pacman_env.ros.game_nodes import SELECTOR, full_namespace
 from pacman_env.ros.messages import LONGEST_WORD, BadMessage
 from pacman_env.ros.node import ObserverNode, process_words
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.reasons import REMEDIES, SILENCE, SILENT_S
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, full_namespace
-from pacman_env.ros.supervisor.terminal import fitted, plain
+from pacman_env.ros.supervisor.terminal import fitted
+from pacman_env.ros.text import plain
 
 ANSWER_S = 2.0  # before a service is called again: an answer may be lost, or never come from a referee that ended
 HALT_S = 1.0  # time for Nav2's answer

@@ -67,12 +67,6 @@ def wrapped(text: str, indent: int = 0) -> str:
     )
 
 
-def plain(text: str, longest: int) -> str:
-    """Reduce text of other machines to one line without control characters, of at most ``longest`` characters."""
-    words = " ".join("".join(c if c.isprintable() else " " for c in text).split())
-    return words if len(words) <= longest else f"{words[: longest - 3]}..."
-
-
 @contextlib.contextmanager
 def keyboard(source: TextIO) -> Iterator[Callable[[], str] | None]:
     """Yield a function that returns the keys pressed since its last call, in lower case; None without keyboard."""

@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TextIO
 
 from pacman_env.files import install_command, user_folder
+from pacman_env.ros import game_nodes
 from pacman_env.ros.discovery import join
+from pacman_env.ros.game_nodes import MOVERS, NAV2, REFEREE, SELECTOR, SIMULATOR, WAIT, GameSetup
 from pacman_env.ros.node import StopSignals
-from pacman_env.ros.supervisor import game_nodes, nav2
+from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.console import Console
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import MOVERS, NAV2, REFEREE, SELECTOR, SIMULATOR, WAIT, GameSetup
 from pacman_env.ros.supervisor.preparation import Preparation
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from pacman_env.ros.supervisor.rounds import RoundRequests

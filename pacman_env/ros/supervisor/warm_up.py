@@ -11,8 +11,8 @@ import numpy as np
 
 from pacman_env.engine.cache_folder import check_kept
 from pacman_env.policies.registry import make_policy, split_ghosts
+from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
 from pacman_env.ros.selector.rehearsal import rehearsed
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
 from pacman_env.ros.supervisor.preparation import CHECKED, GHOSTS, PreparationJob, map_mark
 from pacman_env.ros.supervisor.processes import BAD_START
 from pacman_env.sim.core.ghosts import MapGhosts

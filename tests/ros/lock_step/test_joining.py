@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import scripted_nav2, session
 from tests.ros.session import Session
 

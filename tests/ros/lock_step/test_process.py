@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.supervisor.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup
+from pacman_env.ros.game_nodes import LOCK_STEP, NAMESPACE, REFEREE, GameSetup
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
 from tests.ros.system import Probe, System
 from tests.waiting import PATIENCE_S, wait_for

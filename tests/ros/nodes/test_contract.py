@@ -14,9 +14,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import markers_of, twist_message
-from pacman_env.ros.simulated_robot.sim_robot import FAULT
-from pacman_env.ros.supervisor.game_nodes import (
+from pacman_env.ros.game_nodes import (
     COMPOSED,
     GAME,
     LOCK_STEP,
@@ -28,6 +26,8 @@ from pacman_env.ros.supervisor.game_nodes import (
     GameSetup,
     module_of,
 )
+from pacman_env.ros.messages import markers_of, twist_message
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from tests.ros import session
 from tests.ros.session import NAMESPACE, Session
 

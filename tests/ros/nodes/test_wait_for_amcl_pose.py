@@ -5,8 +5,8 @@ import signal
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import module_of
 from pacman_env.ros.nodes.wait_for_amcl_pose import FOUND, NAME, NOT_FOUND
-from pacman_env.ros.supervisor.game_nodes import module_of
 from tests.ros.nodes.test_contract import BAD_POSES, pose
 from tests.ros.session import Session
 from tests.ros.system import Probe, System

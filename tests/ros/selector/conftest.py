@@ -26,7 +26,7 @@ def game(domain: int, tmp_path: Path) -> Iterator[Game]:
 @pytest.fixture
 def played(domain: int, tmp_path: Path) -> Iterator[Played]:
     """A round that has begun, with a Clyde that is no danger."""
-    from pacman_env.ros.supervisor.game_nodes import SELECTOR
+    from pacman_env.ros.game_nodes import SELECTOR
     from tests.ros import session
     from tests.ros.played_round import SETTINGS, Played
 

@@ -10,8 +10,8 @@ import pytest
 
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.selector.reasons import POLICY_FAILS
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros import session
 from tests.ros.selector_game import Game
 

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.messages import markers_of, transform_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.selector.reasons import GHOST_LOST
-from pacman_env.ros.supervisor.game_nodes import SELECTOR
 from tests.ros.selector_game import FAR_AWAY, Game, pellet
 from tests.ros.session import Session
 

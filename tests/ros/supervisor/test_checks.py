@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR
 from pacman_env.ros.grid import Grid
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, CheckTime, Finding, Observations, Source
@@ -22,7 +23,6 @@ from pacman_env.ros.supervisor.checks.game import (
 )
 from pacman_env.ros.supervisor.checks.network import CLOCK, STAMPS, Clock, Delays
 from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED, GRID, LINKS, POSE, SCANS, Link, ScanTally
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, SIMULATOR
 from pacman_env.world.maps.occupancy import load_map
 
 HOUSE = load_map("house")

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 import yaml
 
+from pacman_env.ros.game_nodes import NAV2_BRINGUP, GameSetup
 from pacman_env.ros.supervisor import nav2
-from pacman_env.ros.supervisor.game_nodes import NAV2_BRINGUP, GameSetup
 from pacman_env.world.maps.occupancy import load_map
 
 ROOT = Path(__file__).resolve().parents[3]

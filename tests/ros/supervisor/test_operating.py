@@ -23,9 +23,9 @@ import pytest
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.checks.check import OK
 from pacman_env.ros.supervisor.doctor import doctor
-from pacman_env.ros.supervisor.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
 from tests.ros.system import Probe, System
 from tests.web.pages import Page, decode

@@ -2,7 +2,7 @@
 
 import contextlib
 
-from pacman_env.ros.supervisor.game_nodes import SELECTOR, SIMULATOR, GameSetup
+from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup
 from pacman_env.ros.supervisor.preparation import GHOSTS, Preparation, PreparationJob, map_mark
 from tests.waiting import wait_for
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import GAME, REFEREE, SELECTOR, module_of
 from pacman_env.ros.node import ObserverNode
-from pacman_env.ros.supervisor.game_nodes import GAME, REFEREE, SELECTOR, module_of
 from pacman_env.ros.supervisor.status import Missing, as_json
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session

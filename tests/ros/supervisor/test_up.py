@@ -15,11 +15,11 @@ from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import REFEREE, GameSetup
 from pacman_env.ros.node import StopSignals
 from pacman_env.ros.supervisor import rounds as rounds_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.game_nodes import REFEREE, GameSetup
 from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter

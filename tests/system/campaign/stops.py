@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
+from pacman_env.ros.game_nodes import GAME, SELECTOR, module_of
 from pacman_env.ros.node import ObserverNode
-from pacman_env.ros.supervisor.game_nodes import GAME, SELECTOR, module_of
 from tests.ros.supervisor.terminal import Terminal
 from tests.system.campaign.faulty import FILE
 

@@ -3,7 +3,8 @@
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from ..terminal import plain
+from pacman_env.ros.text import plain
+
 from . import game, network, robot
 from .check import BAD, UNKNOWN, Finding, Observations
 

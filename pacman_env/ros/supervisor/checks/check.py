@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-from ..game_nodes import SIMULATOR
+from ...game_nodes import SIMULATOR
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # this and the next are commands

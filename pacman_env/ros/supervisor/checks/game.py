@@ -9,8 +9,8 @@ from typing import Any
 from pacman_env.config import differences
 
 from ...discovery import COSTMAPS
+from ...game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
 from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, SILENCE, SILENT_S, troubles_of
-from ..game_nodes import GAME, ORIGINAL_SELECTOR, REFEREE, SELECTOR, SIMULATOR
 from .check import (
     RESTART_GAME,
     START_AGAIN,

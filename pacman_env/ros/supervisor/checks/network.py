@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...discovery import BEYOND
-from ..game_nodes import SIMULATOR
+from ...game_nodes import SIMULATOR
 from .check import FIREWALL, RESTART, Check, CheckTime, Finding, Observations, Source, count, listed, seconds
 
 _RANGE, _LOCAL, _SERVER = "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_LOCALHOST_ONLY", "ROS_DISCOVERY_SERVER"

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from pacman_env.cli.examples import PROG, examples_of, render
+from pacman_env.command_line.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command, reason
 from pacman_env.plugins import offer

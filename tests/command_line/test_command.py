@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from pacman_env.cli.command import EXTRA_OF, Parser, finite_number, guarded
 from pacman_env.cli.main import main
+from pacman_env.command_line.command import EXTRA_OF, Parser, finite_number, guarded
 from pacman_env.files import install_command
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import PelletConfig, make_config, parse_settings
 from pacman_env.game.pellets import PelletSet, generate_pellets
-from pacman_env.world.maps.map_check import MapReport, check_map
+from pacman_env.world.map_check import MapReport, check_map
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.shared import SHARED, shared_path
 

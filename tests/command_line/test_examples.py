@@ -7,8 +7,8 @@ from importlib import import_module
 
 import pytest
 
-from pacman_env.cli.examples import EXAMPLES, FIRST, PROG
 from pacman_env.cli.main import MODULES, REMOVED, main, make_parser
+from pacman_env.command_line.examples import EXAMPLES, FIRST, PROG
 
 
 def commands(parser: argparse.ArgumentParser) -> Iterator[str]:
