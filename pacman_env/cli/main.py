@@ -16,6 +16,7 @@ from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
 from pacman_env.command_line.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
 from pacman_env.command_line.examples import first_steps
+from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
 
 #: Module in this package and purpose, by command.
 MODULES = {
@@ -135,17 +136,17 @@ def _add_web(commands: Any) -> None:
     add("--name", action="append", default=[], metavar="HOST_OR_URL", help=name)
     add("--viewers", type=whole_number(1, 1000), default=100, help="maximum number of viewers (%(default)s)")
     add("--open", action="store_true", help="open the page in a browser on this machine")
-    add = web.add_argument_group("simulated game").add_argument
-    add("--map", default="house", metavar="FILE_OR_NAME", help="map name, map file, or 'generated' (%(default)s)")
-    add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
-    add("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
+    simulated = web.add_argument_group("simulated game")
+    add_game_option(simulated, "--map", help=SIMULATED_MAP)
+    for option in ("--preset", "--policy", "--ghosts", "--set"):
+        add_game_option(simulated, option)
+    first = "seed of the first round; later rounds derive from it (random)"
+    add_game_option(simulated, "--seed", type=whole_number(0, 2**53 - 1), default=None, help=first)
+    add = simulated.add_argument
     add("--second", default="clyde_aware", help="second policy, shown for comparison (%(default)s)")
-    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost (from the preset)")
-    add("--seed", type=whole_number(0, 2**53 - 1), help="seed of the first round; later rounds derive from it (random)")
     add("--speed", type=finite_number(1, 50), default=1.0, help="speed relative to real time, 1 to 50 (%(default)s)")
     show = "length of the show before each round, s; 8 on a robot (%(default)s)"
     add("--start-show", type=finite_number(0.1, 60), default=2.0, help=show)
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     add = web.add_argument_group("game of ROS nodes").add_argument
     add("--ros", action="store_true", help="show a running ROS game instead of a simulated game")
     add("--namespace", default="robot_15", help="namespace of the robot (%(default)s)")

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.command_line.command import add_subcommands, finite_number, whole_number
+from pacman_env.command_line.game_options import add_game_option
 
 
 def add_map_group(commands: Any) -> None:
@@ -19,7 +20,7 @@ def add_map_group(commands: Any) -> None:
     add("--json", action="store_true", help="print the report as JSON")
     add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="home position, m (0 0)")
     add("--spacing", type=number, default=2.0, help="spacing of pellets, m (%(default)s)")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
+    add_game_option(check, "--set")
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="list the shipped maps").set_defaults(run=_map_list)
     generate = group.add_parser("generate", help="write generated houses as map files")

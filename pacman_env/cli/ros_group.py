@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.command_line.command import add_subcommands, finite_number, whole_number
+from pacman_env.command_line.game_options import add_game_option
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command
 
@@ -38,7 +39,8 @@ def add_ros_group(commands: Any) -> None:
             parser.add_argument("--json", action="store_true", help="print the whole status as JSON")
         _add_where(parser, partial(_ask, name))
     doctor = group.add_parser("doctor", help="check whether robot, Nav2 and game are ready, and suggest remedies")
-    doctor.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, compared with the map on the robot")
+    compared = "map of the game, compared with the map on the robot"
+    add_game_option(doctor, "--map", default=None, help=compared)
     _add_waiting(doctor, 0.5, "longest time to wait for messages and answers, s")
     doctor.add_argument("--json", action="store_true", help="print the findings as JSON")
     _add_where(doctor, _doctor)
@@ -48,8 +50,8 @@ def add_ros_group(commands: Any) -> None:
     _add_where(record, _record)
     replay = group.add_parser("replay", help="show what a policy would have done in a recorded game")
     replay.add_argument("bag", type=Path, help="folder of a bag, or its .mcap file")
-    replay.add_argument("--map", required=True, metavar="FILE_OR_NAME", help="map of the game")
-    replay.add_argument("--policy", default="ppo", help="policy: a name or an .onnx file (%(default)s)")
+    add_game_option(replay, "--map", required=True)
+    add_game_option(replay, "--policy")
     replay.add_argument("--namespace", help="namespace of the robot (the only one in the bag)")
     replay.add_argument("--json", action="store_true", help="print the report as JSON")
     replay.set_defaults(run=_replay)
@@ -70,8 +72,9 @@ def _add_waiting(parser: Any, least_s: float, what: str) -> None:
 def _add_up(group: Any) -> None:
     up = group.add_parser("up", help="start all nodes of a game, show its status, and stop the nodes at the end")
     add, number, port = up.add_argument, finite_number(), whole_number(1, 65535)
-    add("--map", required=True, metavar="FILE_OR_NAME", help="map that localization uses")
-    add("--policy", default="ppo", help="policy that chooses goals: a name or an .onnx file (%(default)s)")
+    add_game_option(up, "--map", required=True, help="map that localization uses")
+    for option in ("--policy", "--preset", "--set"):
+        add_game_option(up, option)
     add("--sim", action="store_true", help="simulate the robot on this machine")
     add("--speed", type=number, default=1.0, help="with --sim: speed relative to real time, 1 to 10 (%(default)s)")
     real = "with --sim: drive with a real Nav2: bringup (launch file of nav2_bringup, the default of WHAT), none (you "
@@ -79,12 +82,10 @@ def _add_up(group: Any) -> None:
     add("--nav2", nargs="?", const="bringup", default="", metavar="WHAT", help=real)
     in_step = "with --sim: run all nodes in one process; simulated time waits until each message has been handled"
     add("--lock-step", action="store_true", help=in_step)
-    add("--seed", type=whole_number(0, 2**31 - 1), default=0, metavar="S", help="seed for --lock-step (%(default)s)")
+    add_game_option(up, "--seed", type=whole_number(0, 2**31 - 1), help="seed for --lock-step")
     one = "run all nodes except simulated robot and goal selector in one process, to save memory"
     add("--composed", action="store_true", help=one)
-    add("--preset", default="robot", help="preset of all nodes: robot, robot_0_15, ideal or arcade (%(default)s)")
     add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
     home, pose = "home pose, m and rad (pose of the robot when the first round starts)", ("X", "Y", "HEADING")
     add("--home", nargs=3, type=number, metavar=pose, help=home)
     add("--start", action="store_true", help="start the first round as soon as all nodes are ready")

@@ -4,6 +4,8 @@ import argparse
 import sys
 from collections.abc import Sequence
 
+from pacman_env.command_line.game_options import add_game_option
+
 BAD_START = 2  # exit status
 
 
@@ -11,7 +13,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m pacman_env.ros.operator_page", description=__doc__)
     parser.add_argument("--namespace", default="robot_15", help="namespace of the robot (%(default)s)")
     parser.add_argument("--port", type=int, default=8000, help="port; 0: any free port (%(default)s)")
-    parser.add_argument("--map", metavar="FILE_OR_NAME", help="map of the game, for the readiness list")
+    add_game_option(parser, "--map", default=None, help="map of the game, for the readiness list")
     parser.add_argument("--sim", action="store_true", help="connect to a simulated robot on this machine")
     arguments = parser.parse_args(argv)
     try:
