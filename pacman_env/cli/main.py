@@ -22,7 +22,7 @@ MODULES = {
     "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: table, plot, film"),
     "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
     "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
-    "dataset": ("evaluation.dataset.__main__", "record rounds of a policy for offline learning (Minari, Parquet)"),
+    "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
     "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "measure the speed of the environments"),
