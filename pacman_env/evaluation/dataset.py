@@ -21,6 +21,7 @@ from typing import Any
 from unittest import mock
 
 import gymnasium as gym
+import jax  # noqa: F401  # Minari imports it at the first step, with another error
 import minari
 import numpy as np
 from minari.data_collector import EpisodeBuffer
