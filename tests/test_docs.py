@@ -45,8 +45,7 @@ def test_documentation_examples_run(example: str, tmp_path: Path, monkeypatch: p
     monkeypatch.chdir(tmp_path)
     for client in CLIENTS:
         if f"import {client}" in example or f"from {client}" in example:
-            # Minari records with jax, which its extra ``create`` brings; its data sets are read without.
-            needed = {"ray": "ray.rllib", "minari": "jax" if "DataCollector" in example else "minari"}
+            needed = {"ray": "ray.rllib", "minari": "jax"}  # Minari records with jax
             pytest.importorskip(needed.get(client, client), exc_type=ImportError)
     exec(compile(example, "example", "exec"), {})
 

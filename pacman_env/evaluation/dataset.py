@@ -122,16 +122,21 @@ def tasks_of(policy: str, env: gym.Env[Any, Any], env_id: str, named: dict[str, 
 
 
 def record(task: Recording) -> list[Round]:
-    """Play the rounds of a task with Minari's ``DataCollector``."""
-    policy = load_policy(task.policy)
+    """Play the rounds of a task."""
     with tempfile.TemporaryDirectory() as folder, _minari_in(folder):
-        made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
-        env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
-        notes = [_play(env, policy, int(seed)) for seed in task.seeds]
-        storage = env.create_dataset("part-v0").storage
-        env.close()
-        episodes = zip(storage.get_episodes(range(len(notes))), task.seeds, notes, strict=True)
-        return [Round(_buffer(episode, int(seed)), *note) for episode, seed, note in episodes]
+        return _collected(task)
+
+
+def _collected(task: Recording) -> list[Round]:
+    """Play the rounds with Minari's ``DataCollector``, and read them back."""
+    policy = load_policy(task.policy)
+    made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
+    env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
+    notes = [_play(env, policy, int(seed)) for seed in task.seeds]
+    storage = env.create_dataset("part-v0").storage
+    env.close()
+    episodes = zip(storage.get_episodes(range(len(notes))), task.seeds, notes, strict=True)
+    return [Round(_buffer(episode, int(seed)), *note) for episode, seed, note in episodes]
 
 
 def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
@@ -173,6 +178,7 @@ def _minari_in(folder: str) -> Iterator[None]:
     """Let Minari write data sets below a folder, without warnings about missing authors."""
     with mock.patch.dict(os.environ, MINARI_DATASETS_PATH=folder), warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="minari")
+        warnings.simplefilter("ignore", ResourceWarning)  # the collector deletes its folders without closing them
         yield
 
 

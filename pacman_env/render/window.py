@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..files import install_command
 from .palette import Theme
 
+
 class HumanWindow:
     """A window for RGB frames; after the user has closed it, it stays closed and ignores frames."""
 

@@ -153,9 +153,7 @@ Refused = Callable[[Callable[[list[str]], int], list[str], str], None]
 
 
 @pytest.mark.parametrize(("command", "message"), COMMANDS, ids=[command for command, _ in COMMANDS])
-def test_command_refuses_wrong_arguments(
-    command: str, message: str, tmp_path: Path, refused: Refused
-) -> None:
+def test_command_refuses_wrong_arguments(command: str, message: str, tmp_path: Path, refused: Refused) -> None:
     words = command.split()
     if words[0] in NEEDED and find_spec(NEEDED[words[0]]) is None:
         pytest.skip(f"no {NEEDED[words[0]]}")
