@@ -1,6 +1,6 @@
 """Write rounds of a policy as a data set: ``python eval/dataset.py --help``."""
 
-from pacman_env.evaluation.dataset.__main__ import main
+from pacman_env.evaluation.dataset import main
 
 if __name__ == "__main__":
     raise SystemExit(main())

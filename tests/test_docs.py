@@ -21,7 +21,7 @@ PAGES = [
 EXAMPLES = [
     pytest.param(example, id=f"{page.stem}-{number}") for page in PAGES for number, example in enumerate(examples(page))
 ]
-#: Libraries of docs/use_with that are in no extra of this project: `scripts/clients` has environments with them.
+#: Libraries of docs/use_with that may be absent: `scripts/clients` has environments with them.
 CLIENTS = ("minari", "ray", "supersuit", "tianshou", "torchrl")
 TODAYS_PAGES = [page for page in PAGES if page.name != "CHANGELOG.md"]  # which names former commands too
 #: Commands of the package, in blocks and in lines.
@@ -40,13 +40,14 @@ IN_A_CHECKOUT = sorted(
 )
 
 
+@pytest.mark.filterwarnings("ignore:Implicitly cleaning up:ResourceWarning")  # of Minari's collector
 @pytest.mark.parametrize("example", EXAMPLES)
 def test_documentation_examples_run(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     for client in CLIENTS:
         if f"import {client}" in example or f"from {client}" in example:
-            # Minari records with jax, which its extra ``create`` brings; its data sets are read without.
-            needed = {"ray": "ray.rllib", "minari": "jax" if "DataCollector" in example else "minari"}
+            needed = {"ray": "ray.rllib", "minari": "jax"}  # Minari records with jax
             pytest.importorskip(needed.get(client, client), exc_type=ImportError)
     exec(compile(example, "example", "exec"), {})
 

@@ -1,20 +1,19 @@
 """Behaviour cloning: a network learns from a data set of a policy what it chooses, and both play in other houses.
 
-The data set is a folder that ``pacman-env dataset`` has written with Parquet, of PacManBotFlat. One small network gives
+The data set is a folder that ``pacman-env dataset`` has written, of PacManBotFlat. One small network gives
 each candidate a number, whatever its place in the list; the mask excludes forbidden candidates.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import minari
 import numpy as np
-import pyarrow.parquet as pq
 import torch
 from torch import Tensor, nn
 
@@ -44,12 +43,12 @@ class Cloned(nn.Module):
 
 def load(folder: Path) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """(D, F) observations, (D, A) masks, (D,) actions and (D,) numbers of their rounds."""
-    table = pq.read_table(folder / "decisions.parquet", columns=["round", "observation", "action_mask", "action"])
-    rows = {name: table[name].combine_chunks() for name in table.column_names}
-    observation, mask = (rows[name].flatten().to_numpy(zero_copy_only=False) for name in ("observation", "action_mask"))
-    arrays = observation.reshape(len(table), -1), mask.reshape(len(table), -1), rows["action"].to_numpy()
-    first, second, third, fourth = (torch.from_numpy(array.copy()) for array in (*arrays, rows["round"].to_numpy()))
-    return first, second, third, fourth
+    episodes = list(minari.MinariDataset(folder / "data"))
+    observation = np.concatenate([episode.observations[:-1] for episode in episodes])
+    mask = np.concatenate([episode.infos["action_mask"][:-1] for episode in episodes]).astype(bool)
+    action = np.concatenate([episode.actions for episode in episodes])
+    number = np.repeat(np.arange(len(episodes)), [len(episode.actions) for episode in episodes])
+    return torch.from_numpy(observation), torch.from_numpy(mask), torch.from_numpy(action), torch.from_numpy(number)
 
 
 def learn(folder: Path, epochs: int, seed: int) -> Cloned:
@@ -103,7 +102,8 @@ def main() -> None:
     options.add_argument("--save", type=Path, default=None, help="file for the network's weights")
     given = options.parse_args()
     torch.set_num_threads(1)
-    facts = json.loads((given.folder / "facts.json").read_text())
+    about = minari.MinariDataset(given.folder / "data").storage.metadata
+    settings, taught = about["pacman_env"]["settings"], about["algorithm_name"]
     began, used = time.monotonic(), time.process_time()
     network = learn(given.folder, given.epochs, given.seed)
     took_s, used_s = time.monotonic() - began, time.process_time() - used
@@ -112,8 +112,8 @@ def main() -> None:
         torch.save(network.state_dict(), given.save)
 
     kept = ("observation.nearest_pellets", "observation.nearest_refuges", "observation.candidates")
-    arguments = {"map": given.test, "settings": {name: facts["settings"][name] for name in kept}}
-    teacher = make_policy(facts["policy"])
+    arguments = {"map": given.test, "settings": {name: settings[name] for name in kept}}
+    teacher = make_policy(taught)
 
     def clone(env: PacManBotVectorEnv, observation: Any) -> Any:
         with torch.no_grad():
@@ -124,7 +124,7 @@ def main() -> None:
         return env.action_of(teacher.select(env.situation))
 
     ours, theirs = completed(clone, given.rounds, arguments), completed(teach, given.rounds, arguments)
-    for name, played in ((facts["policy"], theirs), ("its clone", ours)):
+    for name, played in ((taught, theirs), ("its clone", ours)):
         low, high = wilson(int(played.sum()), given.rounds)
         print(f"{name}: {100 * played.mean():.1f} [{100 * low:.1f}, {100 * high:.1f}] % of {given.rounds} rounds")
     more, (low, high) = paired_difference(ours, theirs)

@@ -23,7 +23,7 @@ MODULES = {
     "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: table, plot, film"),
     "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
     "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
-    "dataset": ("evaluation.dataset.__main__", "record rounds of a policy for offline learning (Minari, Parquet)"),
+    "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
     "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "measure the speed of the environments"),
@@ -38,6 +38,7 @@ MODULES = {
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
     "completion": "pacman-env COMMAND --help lists the options of a command",
+    "play": "pacman-env web --open plays a game in the browser (docs/web.md)",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
 }
 
@@ -78,52 +79,6 @@ def make_parser() -> Parser:
     for name, (_, purpose) in MODULES.items():
         commands.add_parser(name, help=purpose)
     return parser
-
-
-def _add_play(commands: Any) -> None:
-    play = commands.add_parser("play", help="play rounds in a window with mouse and keys (F1 lists the keys)")
-    add, number = play.add_argument, finite_number()
-    add("--map", default="house", metavar="FILE_OR_NAME", help="map name, map file, or 'generated' (%(default)s)")
-    add("--preset", default="robot", help="preset: robot, robot_0_15, ideal or arcade (%(default)s)")
-    add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
-    add("--seed", type=whole_number(0), help="seed of the first round; later rounds derive from it (random)")
-    add("--clyde-speed", type=number, metavar="M_PER_S", help="speed of Clyde, m/s")
-    add("--time-limit", type=number, metavar="S", help="time limit of a round, s")
-    add("--drive", action="store_true", help="drive with the arrow keys instead of choosing goals")
-    add("--endless", action="store_true", help="play rounds with a faster Clyde each time, until the robot is caught")
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="configuration setting; repeatable")
-    add("--fps", type=number, default=20.0, help="approximate frames per second (%(default)s)")
-    add("--speed", type=number, default=1.0, help="speed relative to real time (%(default)s)")
-    add("--theme", choices=("light", "dark"), default="light", help="colours of the window (%(default)s)")
-    play.set_defaults(run=_play)
-
-
-def _play(arguments: argparse.Namespace) -> int:
-    from pacman_env.config import parse_settings
-    from pacman_env.envs.pacmanbot import PacManBotEnv
-    from pacman_env.render.play import Player, play
-    from pacman_env.render.window import HumanWindow
-
-    try:
-        window = HumanWindow()
-    except ImportError as error:  # pygame is an extra
-        raise OSError(error) from error
-    given = {
-        "clyde.speed_mps": arguments.clyde_speed,
-        "time_limit_s": arguments.time_limit,
-        "action": "velocity" if arguments.drive else None,
-        "endless": arguments.endless or None,
-    }
-    settings = {name: value for name, value in given.items() if value is not None} | parse_settings(arguments.set)
-    settings = {"execution.rules": arguments.execution} | settings
-    try:
-        window.require_screen()
-        env = PacManBotEnv(arguments.map, preset=arguments.preset, settings=settings, render_mode="rgb_array")
-        env.theme = arguments.theme
-        play(Player(env, seed=arguments.seed, speed=arguments.speed), window, fps=arguments.fps)
-    finally:
-        window.close()
-    return 0
 
 
 def _add_web(commands: Any) -> None:
@@ -200,7 +155,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
     return SimulatedGame(rules, maps=maps, policies=files, seed=seed, speed=speed, start_s=start_s)
 
 
-GROUPS: tuple[Callable[[Any], None], ...] = (add_map_group, _add_play, _add_web, add_warm_up, add_ros_group)
+GROUPS: tuple[Callable[[Any], None], ...] = (add_map_group, _add_web, add_warm_up, add_ros_group)
 
 if __name__ == "__main__":
     sys.exit(main())

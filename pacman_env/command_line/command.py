@@ -24,7 +24,7 @@ EXTRAS = "docs/machines.md"  # lists the extras
 EXTRA_OF = {
     **dict.fromkeys(("rclpy", "rosbags", "mcap"), "ros"),
     **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "onnx", "optuna"), "train"),
-    **dict.fromkeys(("minari", "h5py", "pyarrow"), "dataset"),
+    **dict.fromkeys(("minari", "h5py", "jax"), "dataset"),
     **dict.fromkeys(("starlette", "uvicorn", "websockets", "segno"), "web"),
     "ray": "ray",
     "pygame": "render",

@@ -12,7 +12,6 @@ Example = tuple[str, str]  # arguments of ``pacman-env``, and their purpose
 FIRST: tuple[tuple[str, str, str], ...] = (
     ("compare --episodes 20", "compare policies on the same 20 rounds: table and plot", "eval"),
     ("web --open", "watch or play a game in the browser", "web"),
-    ("play --map maze", "play in a window", "render"),
     ("map check home.yaml", "check whether your own map can be played", ""),
     ("train --quick", "train a planner in one to two minutes", "train"),
 )
@@ -27,10 +26,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "map turn": (("map turn home.yaml turned.yaml", "write a map whose origin has a yaw with yaw 0"),),
     "map list": (("map list", "list the shipped maps"),),
     "map generate": (("map generate results/houses --level 7 --count 3", "write the houses of levels 7 to 9"),),
-    "play": (
-        ("play", "play rounds on the map house"),
-        ("play --map generated --clyde-speed 0.4 --drive", "drive in a new house each round, with a faster Clyde"),
-    ),
     "web": (
         ("web --open", "show a simulated game in the browser"),
         ("web --ros --host 0.0.0.0", "show the game on a robot, also to phones"),
@@ -47,9 +42,8 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     ),
     "leaderboard": (("leaderboard --suite quick --workers 2", "write a small league table"),),
     "dataset": (
-        ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "record 100 rounds in both formats"),
-        ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "use generated houses"),
-        ("dataset pacman-env/my-robot-v0 --bags games/first --map home.yaml", "convert the rounds that a robot played"),
+        ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "record 100 rounds"),
+        ("dataset pacman-env/levels-v0 --map generated --set num_levels=200", "use generated houses"),
     ),
     "bound": (("bound --map house --starts 30 --width 32", "bound one map against the default ghosts"),),
     "replay": (

@@ -155,15 +155,6 @@ class GameRunner:
         self.require_reset()
         return self.observer.allowed != 0
 
-    def observe_from(self, situation: Situation) -> Any:
-        """Observe external situations, such as a robot's; masks and actions refer to them from then on.
-
-        Observation kinds that read the games themselves, such as a scan, still show the games.
-        """
-        self.observer.look_at(situation)
-        self._shown, self.begun = situation, True
-        return self.observe()
-
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
         """Play one decision and return rewards, terminations and truncations; games that were over get no reward.
 

@@ -88,11 +88,6 @@ class MapView:
         cell = np.stack(self.assets.occupancy.world_to_cell(xy[..., 0], xy[..., 1]), axis=-1)
         return (cell + 0.5 - self._corner) * (self._map / self._cells) + self._left_top - 0.5
 
-    def metres(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Convert pixels (..., 2) to positions (..., 2) in m; the inverse of :meth:`pixels`."""
-        cell = (pixels + 0.5 - self._left_top) / (self._map / self._cells) + self._corner - 0.5
-        return np.stack(self.assets.occupancy.cell_to_world(cell[..., 0], cell[..., 1]), axis=-1)
-
     def angle(self, heading: float) -> float:
         """Convert a heading in the map frame to an angle in the image, where y points down."""
         return self.assets.occupancy.origin[2] - heading

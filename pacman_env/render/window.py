@@ -1,12 +1,10 @@
-"""Window that shows frames and collects keys and clicks with pygame, and the rendering methods of environments.
+"""Window that shows frames with pygame, and the rendering methods of environments.
 
 pygame is only imported when a window is created.
 """
 
 import os
-import sys
-from collections import deque
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,20 +13,11 @@ from numpy.typing import NDArray
 from ..files import install_command
 from .palette import Theme
 
-_KEPT_INPUTS = 256
-_SHIFTED = "?+"  # keys named by their character, independent of the keyboard layout
-
-
-class Input(NamedTuple):
-    kind: str  # "press" or "release" of a key, or "click" of the left mouse button
-    key: str = ""  # pygame's name of the key; keypad digits have the names of digits
-    at: tuple[int, int] = (0, 0)  # column, row of the frame, px
-
 
 class HumanWindow:
     """A window for RGB frames; after the user has closed it, it stays closed and ignores frames."""
 
-    def __init__(self, caption: str = "PacManBot") -> None:
+    def __init__(self) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
         try:
             import pygame
@@ -37,31 +26,7 @@ class HumanWindow:
         self._pygame: Any = pygame
         self._clock: Any = None  # opened with the first frame
         self._initialized = False
-        self._inputs: deque[Input] = deque(maxlen=_KEPT_INPUTS)
-        self.caption = caption
         self.closed = False
-
-    def require_screen(self) -> None:
-        """Raise OSError if there is no screen, unless ``SDL_VIDEODRIVER`` selects a dummy."""
-        display = self._pygame.display
-        uses_dummy = "SDL_VIDEODRIVER" in os.environ
-        has_screen = uses_dummy or sys.platform != "linux" or not {"DISPLAY", "WAYLAND_DISPLAY"}.isdisjoint(os.environ)
-        if has_screen:
-            self._initialized = True
-            try:
-                display.init()
-                has_screen = uses_dummy or display.get_driver() not in ("offscreen", "dummy")
-            except self._pygame.error:
-                has_screen = False
-        if not has_screen:
-            self.close()
-            raise OSError("no screen to open a window on")
-
-    def inputs(self) -> list[Input]:
-        """Return and remove the inputs until the last ``show``, oldest first, at most 256."""
-        inputs = list(self._inputs)
-        self._inputs.clear()
-        return inputs
 
     def show(self, frame: NDArray[np.uint8], fps: float) -> bool:
         """Show a frame (H, W, 3), limit the rate to ``fps`` (0: no limit), and return True if the window is open."""
@@ -72,7 +37,7 @@ class HumanWindow:
             self._initialized = True
             pygame.display.init()
             self._clock = pygame.time.Clock()
-        pygame.display.set_caption(self.caption)
+            pygame.display.set_caption("PacManBot")
         screen, size = pygame.display.get_surface(), frame.shape[1::-1]
         if screen is None or screen.get_size() != size:
             screen = pygame.display.set_mode(size)
@@ -82,12 +47,6 @@ class HumanWindow:
             if event.type == pygame.QUIT:
                 self.close()
                 return False
-            if event.type == pygame.MOUSEBUTTONDOWN and event.button == 1:
-                self._inputs.append(Input("click", at=(event.pos[0], event.pos[1])))
-            elif event.type in (pygame.KEYDOWN, pygame.KEYUP):
-                character = getattr(event, "unicode", "")
-                name = character if character and character in _SHIFTED else pygame.key.name(event.key).strip("[]")
-                self._inputs.append(Input("press" if event.type == pygame.KEYDOWN else "release", name))
         self._clock.tick(fps)
         return True
 

@@ -1,5 +1,4 @@
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -42,16 +41,6 @@ def test_check_prints_json(room: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert [(p["id"], p["x"], p["reachable"]) for p in report["pellets"]] == [(0, 0.0, True), (1, 1.0, True)]
 
 
-def test_play_without_screen_ends_with_one_line() -> None:
-    pytest.importorskip("pygame")
-    without = {key: os.environ[key] for key in os.environ if "DISPLAY" not in key and key != "SDL_VIDEODRIVER"}
-    command = [sys.executable, "-m", "pacman_env.cli.main", "play"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=without)
-    if sys.platform == "linux":  # elsewhere a screen needs no name
-        assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == "pacman-env play: no screen to open a window on\n"
-
-
 @pytest.mark.parametrize(
     ("option", "said"),
     [("'--version'", __version__), ("'--help'", "usage: pacman-env "), ("", f"pacman_env {__version__}: ")],
@@ -67,7 +56,7 @@ def test_module_prints_help_without_loading_heavy_libraries(option: str, said: s
     assert done.stdout.endswith("\n[]\n")
 
 
-@pytest.mark.parametrize("command", ["play", "web", "ros up"])
+@pytest.mark.parametrize("command", ["web", "ros up"])
 def test_help_names_all_presets(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main([*command.split(), "--help"])

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("torch")
-pytest.importorskip("pyarrow")
+pytest.importorskip("jax")
 
-from pacman_env.evaluation.dataset.__main__ import main
+from pacman_env.evaluation.dataset import main
 
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "pacman-env/taught-v0"
@@ -19,7 +19,7 @@ NAME = "pacman-env/taught-v0"
 
 def cloned(folder: Path, recorded: list[str], learnt: list[str]) -> tuple[list[float], dict[str, float]]:
     """The share of equal choices in the decisions held out after each epoch, and rounds completed, both in %."""
-    assert main([NAME, *recorded, "--format", "parquet", "--root", str(folder)]) == 0
+    assert main([NAME, *recorded, "--root", str(folder)]) == 0
     script = [sys.executable, "-W", "error", str(ROOT / "docs" / "examples" / "cloning.py"), str(folder / NAME)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([*script, *learnt], capture_output=True, text=True, env=environment)

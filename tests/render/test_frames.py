@@ -138,12 +138,6 @@ def test_map_looks_the_same_for_any_yaw() -> None:
     np.testing.assert_allclose(straight.goals[:pellets], turned.goals[:pellets], atol=1e-6)
 
 
-@given(st.floats(-50, 50), st.floats(-50, 50), st.sampled_from([0.0, 0.7, -2.0]), st.sampled_from([240, 720]))
-def test_metres_are_the_inverse_of_pixels(x: float, y: float, yaw: float, height: int) -> None:
-    view, there = corridor_view(yaw, height), np.array([[x, y], [0.0, 0.0]])
-    np.testing.assert_allclose(view.metres(view.pixels(there)), there, atol=1e-9)
-
-
 def test_collected_pellet_becomes_a_faint_ring() -> None:
     batch = games()
     before = render_frame(batch, 0)

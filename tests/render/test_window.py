@@ -51,45 +51,6 @@ def test_closed_window_stays_closed_and_another_opens(pygame: Any) -> None:
     second.close()
 
 
-def test_window_returns_clicks_and_keys_once(pygame: Any) -> None:
-    window = HumanWindow()
-    window.show(frame(), 0)
-    for kind, details in [
-        (pygame.MOUSEBUTTONDOWN, {"button": 1, "pos": (7, 5)}),
-        (pygame.MOUSEBUTTONDOWN, {"button": 3, "pos": (8, 5)}),
-        (pygame.KEYDOWN, {"key": pygame.K_UP, "unicode": ""}),
-        (pygame.KEYDOWN, {"key": pygame.K_KP7, "unicode": "7"}),
-        (pygame.KEYDOWN, {"key": pygame.K_a, "unicode": "A"}),
-        (pygame.KEYUP, {"key": pygame.K_UP}),
-        (pygame.KEYDOWN, {"key": pygame.K_RETURN, "unicode": "\r"}),
-    ]:
-        pygame.event.post(pygame.event.Event(kind, details))
-    window.show(frame(), 0)
-    assert [tuple(one) for one in window.inputs()] == [
-        ("click", "", (7, 5)),
-        ("press", "up", (0, 0)),
-        ("press", "7", (0, 0)),
-        ("press", "a", (0, 0)),
-        ("release", "up", (0, 0)),
-        ("press", "return", (0, 0)),
-    ]
-    assert window.inputs() == []
-    window.caption = "other"
-    window.show(frame(), 0)
-    assert pygame.display.get_caption()[0] == "other"
-    window.close()
-
-
-def test_window_without_a_screen_is_refused(pygame: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    HumanWindow().require_screen()  # the dummy one was asked for
-    pygame.display.quit()
-    for name in ("SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    with pytest.raises(OSError, match="no screen"):
-        HumanWindow().require_screen()
-
-
 def test_missing_pygame_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ImportError, match=r"pip install .*\[render\]"):

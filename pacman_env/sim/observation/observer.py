@@ -167,14 +167,6 @@ class Observer:
         )
         return chosen
 
-    def look_at(self, situation: Situation) -> None:
-        """Observe N situations from elsewhere, which are copied to ``situation``."""
-        self.situation.block()[0][:] = situation.block()[0]
-        Pipeline([self._list_stage], situation.threads).run(len(situation))
-        for kind in self._kinds:
-            self._fill(kind, situation)
-        self._lay_out.run(len(situation))
-
     def _fill(self, kind: Any, situation: Situation) -> None:
         for key, array in kind.fill(self._batch, situation).items():
             self._raw[key][...] = array

@@ -83,15 +83,6 @@ def test_scan_uses_true_pose_and_grid_believed() -> None:
     assert (lost["robot"] != sure["robot"]).any()
 
 
-@pytest.mark.parametrize("settings", [{}, {"observation.candidates": "nearest", "observation.flat": True}], ids=str)
-def test_given_situation_is_observed_like_the_games(settings: dict[str, Any]) -> None:
-    batch = new_batch(make_config(**{"observation.kinds": ("features", "planner"), **settings}), 2, "maze")
-    own, other = observed_now(batch), Observer(batch)
-    other.look_at(batch.situation())
-    for key, array in own.items():
-        np.testing.assert_array_equal(array, other.result[key])
-
-
 def test_bearings_come_with_velocities_or_on_request() -> None:
     planner = {"planner_candidates", "planner_globals"}
     assert set(observed(("planner",), action="velocity", steps=1)) == planner | BEARINGS

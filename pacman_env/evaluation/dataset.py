@@ -1,0 +1,295 @@
+"""Record rounds of a policy as a Minari data set for offline learning: ``pacman-env dataset``.
+
+Minari's ``DataCollector`` records the rounds. Tasks have a fixed size and depend on nothing but their seeds, so the
+content of a data set is the same for any number of workers.
+"""
+
+import argparse
+import contextlib
+import errno
+import os
+import re
+import shlex
+import shutil
+import sys
+import tempfile
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import gymnasium as gym
+import jax  # noqa: F401  # Minari imports it at the first step, with another error
+import minari
+import numpy as np
+from minari.data_collector import EpisodeBuffer
+from minari.dataset.minari_dataset import gen_dataset_id, parse_dataset_id
+from numpy.typing import NDArray
+
+from pacman_env import __version__
+from pacman_env.command_line.command import Parser, run_command, whole_number
+from pacman_env.config import ConfigError, parse_settings, preset_names
+from pacman_env.engine.cache_folder import package_hash
+from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.registration import FLAT_ID, IDS
+from pacman_env.envs.resets import SEEDS
+from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds
+from pacman_env.evaluation.rounds.scenarios import load_policy
+from pacman_env.executors.base import Executor
+from pacman_env.executors.choice import add_executor_arguments, executor_of
+from pacman_env.executors.progress import bar_of
+from pacman_env.files import commit, prepare
+from pacman_env.plugins import offer
+from pacman_env.policies.asking import choose, reset
+from pacman_env.sim.maps.level_source import FixedMap
+from pacman_env.sim.observation.kinds import KINDS, MASK
+
+TASK_ROUNDS = 25
+_PREFIX = "pacman_env/"
+_NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")
+_FILE_BYTES = 2**21  # upper bound of HDF5's overhead
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A task: rounds of one policy in one environment."""
+
+    policy: str  # a name or a file
+    env_id: str
+    arguments: dict[str, Any]  # of the environment, in addition to the id
+    seeds: NDArray[np.uint64]  # (E,)
+
+
+@dataclass(frozen=True)
+class Round:
+    """A recorded round."""
+
+    buffer: EpisodeBuffer
+    level: int  # 0 if there is one map
+    outcome: str
+    unlisted: int  # choices without an action, for which hold was played
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """Return the metadata of the episode in addition to Minari's."""
+        return {"level": self.level, "outcome": self.outcome, "unlisted": self.unlisted}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    given = sys.argv[1:] if argv is None else argv
+    return run_command(make_parser(), argv, lambda arguments: _dataset(arguments, given), "dataset")
+
+
+def make_parser() -> Parser:
+    parser = Parser(
+        prog="pacman-env dataset",
+        description="Play rounds with a policy and write observations, actions, rewards and action masks as a Minari"
+        " data set. The content is the same for any number of workers.",
+    )
+    add = parser.add_argument
+    add("name", help="name of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
+    add("--policy", default="lookahead", metavar="POLICY", help="policy name, .onnx file or checkpoint (%(default)s)")
+    add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="id of the environment (%(default)s)")
+    add("--map", metavar="FILE_OR_NAME", help="map: a file, a name, generated or generated:test (from the id)")
+    kinds = f"kinds of the observation: {', '.join(KINDS.names())}; flat joins them to one array (from the id)"
+    add("--observation", nargs="+", metavar="KIND", help=kinds)
+    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost, or a policy name (from the id)")
+    add("--preset", default="robot", metavar="NAME", help=f"preset: one of {', '.join(preset_names())} (%(default)s)")
+    setting = "configuration setting, such as observation.candidates=all; repeatable"
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
+    add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds or endless games (%(default)s)")
+    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
+    add("--root", type=Path, default=Path("results/datasets"), metavar="FOLDER", help="(%(default)s)")
+    add_executor_arguments(parser)
+    return parser
+
+
+def tasks_of(policy: str, env: gym.Env[Any, Any], env_id: str, named: dict[str, Any], seeds: Any) -> list[Recording]:
+    """Return the tasks in the order of the data set; rounds of a level are adjacent, so that its map is prepared once.
+
+    Raises ConfigError for velocity actions, or the error of creating the policy.
+    """
+    load_policy(policy)
+    game: Any = env.unwrapped
+    if game.config.action != "goal":
+        raise ConfigError(f"action = {game.config.action!r}: must be goal, because policies choose goals")
+    if not isinstance(game.batch.source, FixedMap):
+        seeds = seeds[np.argsort(game.batch.source.levels_of(seeds), kind="stable")]
+    parts = np.split(seeds, range(TASK_ROUNDS, len(seeds), TASK_ROUNDS))
+    return [Recording(policy, env_id, named, part) for part in parts]
+
+
+def record(task: Recording) -> list[Round]:
+    """Play the rounds of a task."""
+    with tempfile.TemporaryDirectory() as folder, _minari_in(folder):
+        return _collected(task)
+
+
+def _collected(task: Recording) -> list[Round]:
+    """Play the rounds with Minari's ``DataCollector``, and read them back."""
+    policy = load_policy(task.policy)
+    made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
+    env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
+    notes = [_play(env, policy, int(seed)) for seed in task.seeds]
+    storage = env.create_dataset("part-v0").storage
+    env.close()
+    episodes = zip(storage.get_episodes(range(len(notes))), task.seeds, notes, strict=True)
+    return [Round(_buffer(episode, int(seed)), *note) for episode, seed, note in episodes]
+
+
+def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
+    """Play a round, and return its level, its outcome and the number of unlisted choices."""
+    env.reset(seed=0, options={"round_seed": seed})
+    game = env.unwrapped
+    reset(policy, np.ones(1, dtype=np.bool_), game.config)
+    over, unlisted = False, 0
+    while not over and game.batch.games["round"][0] <= MOST_ROUNDS:  # a longer game is truncated by the collector
+        chosen = choose(policy, game.situation)
+        action = int(game.action_of(chosen)[0])
+        unlisted += action == len(game.action_masks()) - 1 and int(chosen[0]) != game.batch.hold
+        _, _, terminated, truncated, _ = env.step(action)
+        over = terminated or truncated
+        if not over and game.batch.completed_s[0] > 0:  # the next round of an endless game
+            reset(policy, np.ones(1, dtype=np.bool_), game.config)
+    return int(game.batch.level_numbers()[0]), str(OUTCOMES[game.batch.games["end"][0]]), unlisted
+
+
+class _MaskInInfos(minari.StepDataCallback):
+    """Keeps of the infos the duration of a decision, and adds the action mask if it is not in the observation."""
+
+    def __call__(self, env: gym.Env[Any, Any], **step: Any) -> Any:
+        data: Any = super().__call__(env, **step)
+        game: Any = env.unwrapped
+        info = {name: np.float64(step["info"][name]) for name in ("elapsed_s",) if name in step["info"]}
+        if MASK not in getattr(game.observation_space, "spaces", {}):
+            info[MASK] = game.action_masks().astype(np.int8)
+        return {**data, "info": info}
+
+
+def _buffer(episode: dict[str, Any], seed: int) -> EpisodeBuffer:
+    named = {name: episode[name] for name in ("observations", "actions", "rewards", "terminations", "truncations")}
+    return EpisodeBuffer(options={"round_seed": seed}, infos=episode["infos"], **named)
+
+
+@contextlib.contextmanager
+def _minari_in(folder: str) -> Iterator[None]:
+    """Let Minari write data sets below a folder, without warnings about missing authors."""
+    with mock.patch.dict(os.environ, MINARI_DATASETS_PATH=folder), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="minari")
+        warnings.simplefilter("ignore", ResourceWarning)  # the collector deletes its folders without closing them
+        yield
+
+
+def recorded(tasks: Sequence[Recording], executor: Executor) -> Iterator[list[Round]]:
+    """Yield the rounds of all tasks in order, whatever the executor; raises the first error."""
+    early: dict[int, list[Round]] = {}
+    number = 0
+    with contextlib.closing(executor.run(record, tasks)) as ends:
+        for done in ends:
+            early[done.number] = done.result()
+            while number in early:
+                yield early.pop(number)
+                number += 1
+
+
+def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
+    folder = _folder(arguments)
+    env_id, named = _environment(arguments)
+    env = gym.make(env_id, disable_env_checker=True, **named)
+    seeds = episode_seeds(arguments.seed, arguments.episodes) % np.uint64(SEEDS)
+    tasks = tasks_of(arguments.policy, env, env_id, named, seeds)
+    # All is written in a hidden folder, which is renamed at the end.
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
+        with executor_of(arguments) as executor, bar_of(executor, arguments.episodes, "round") as bar:
+            dataset, notes = None, list[dict[str, Any]]()
+            for rounds in recorded(tasks, executor):
+                buffers = [one.buffer for one in rounds]
+                _require_room(temporary, buffers)
+                if dataset is None:
+                    about = {"algorithm_name": arguments.policy, "requirements": [f"pacman_env=={__version__}"]}
+                    about |= {"description": "rounds of PacManBot", "jpeg_encoding": False}
+                    dataset = minari.create_dataset_from_buffers(arguments.name, buffers, env, **about)
+                else:
+                    dataset.update_dataset_from_buffer(buffers)
+                notes += [one.attributes for one in rounds]
+                bar.update(len(rounds))
+        assert dataset is not None
+        dataset.storage.update_episode_metadata(notes)
+        dataset.storage.update_metadata({"pacman_env": _facts(arguments, given, env)})
+        steps = dataset.total_steps
+        os.rename(Path(temporary) / arguments.name, folder)
+    completed = sum(one["outcome"] == "complete" for one in notes)
+    print(f"{len(notes)} rounds, {steps} decisions, {100 * completed / len(notes):.1f} % completed")
+    if unlisted := sum(one["unlisted"] for one in notes):
+        print(
+            f"{unlisted} choices were not listed among the actions and were played as hold; "
+            "--set observation.candidates=all lists all candidates"
+        )
+    print(f"written: {folder}")
+
+
+def _folder(arguments: argparse.Namespace) -> Path:
+    """Return the folder of the data set; raises ValueError early if it cannot be written."""
+    name = arguments.name
+    # Minari treats every folder with a "data" as a data set.
+    if not _NAME.fullmatch(name) or "data" in name.split("/") or not _is_dataset_id(name):
+        rule = "must be as pacman-env/lookahead-v0: letters, digits, - and _, with a version"
+        raise ValueError(f"name = {name!r}: {rule}; a namespace has two or more, and none is called data")
+    folder: Path = arguments.root / name
+    if folder.exists():
+        raise ValueError(f"{folder}: already exists")
+    return prepare(folder)
+
+
+def _is_dataset_id(name: str) -> bool:
+    """Return True if Minari can split a data set name into its parts and compose the same name from them."""
+    try:
+        return gen_dataset_id(*parse_dataset_id(name)) == name
+    except ValueError:
+        return False
+
+
+def _environment(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
+    """Return the environment's whole id and the arguments given in addition, as Gymnasium takes them."""
+    env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
+    if env_id not in IDS:
+        names = [one.removeprefix(_PREFIX) for one in IDS]
+        raise ValueError(f"--id {arguments.id}: {offer(arguments.id.removeprefix(_PREFIX), names)}")
+    named: dict[str, Any] = {"map": arguments.map, "settings": parse_settings(arguments.set) or None}
+    named |= {"observation": arguments.observation, "ghosts": arguments.ghosts}
+    named["preset"] = None if arguments.preset == "robot" else arguments.preset
+    return env_id, {name: value for name, value in named.items() if value is not None}
+
+
+def _facts(arguments: argparse.Namespace, given: Sequence[str], env: Any) -> dict[str, Any]:
+    executors = argparse.ArgumentParser(add_help=False)  # its options do not affect the content
+    executors.add_argument("--root")
+    add_executor_arguments(executors)
+    return {
+        "command": shlex.join(["pacman-env", "dataset", *executors.parse_known_args(given)[1]]),
+        "seed": arguments.seed,
+        "map_hash": env.unwrapped.batch.source.first.occupancy.hash,  # of the first level if levels are generated
+        "version": __version__,
+        "sources": package_hash(),
+        "commit": commit(),
+        "settings": env.unwrapped.config.as_settings(),
+    }
+
+
+def _require_room(folder: str, buffers: Sequence[EpisodeBuffer]) -> None:
+    """Raise OSError if the disk may become full: after a failed write, HDF5 crashes with a segmentation fault."""
+    size = sum(array.nbytes for one in buffers for array in _arrays(one.observations))
+    if shutil.disk_usage(folder).free < 4 * size + _FILE_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), folder)
+
+
+def _arrays(observations: Any) -> list[NDArray[Any]]:
+    if isinstance(observations, dict):
+        return [array for part in observations.values() for array in _arrays(part)]
+    return [np.asarray(observations)]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

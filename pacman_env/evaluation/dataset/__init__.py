@@ -1,1 +1,0 @@
-"""Data sets of rounds: recorded in batches, written for Minari and as Parquet, with a card."""
