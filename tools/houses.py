@@ -18,8 +18,7 @@ from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 def sealed(file: Path, places: NDArray[np.float64], radius_m: float) -> list[list[float]]:
     """Return the places (P, 2), m, that a disc cannot reach from the first one."""
     keys: Any = yaml.safe_load(file.read_text())
-    pixels: Any = cv2.imread(str(file.parent / keys["image"]), cv2.IMREAD_GRAYSCALE)
-    free = pixels > 250  # Algorithm 1
+    free = np.asarray(cv2.imread(str(file.parent / keys["image"]), 0)) > 250  # Algorithm 1
     room = cv2.copyMakeBorder(free.astype(np.uint8), 1, 1, 1, 1, cv2.BORDER_CONSTANT)  # beyond the image are walls
     room_m = keys["resolution"] * cv2.distanceTransform(room, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     fits = (room_m >= radius_m).astype(np.uint8)
@@ -31,8 +30,7 @@ def sealed(file: Path, places: NDArray[np.float64], radius_m: float) -> list[lis
 
 def judge(level: int, folder: Path) -> tuple[int, list[list[float]]]:
     """Return the number of pellets of a level and the places that the robot cannot reach; files stay in the folder."""
-    config = make_config()
-    assets = prepare_level(level, config)
+    assets = prepare_level(level, config := make_config())
     places = np.concatenate([assets.grid.home[None, :2], assets.goal_xy[: assets.pellets]])
     file = assets.occupancy.save(folder / f"level-{level}.yaml")
     return assets.pellets, sealed(file, places, config.robot.inscribed_radius_m)

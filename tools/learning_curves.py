@@ -75,8 +75,7 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         values = {"learning_rate": [3e-4, 3e-4], **self.hyperparameters, "seed": seed, "device": "cpu"}
         values["learning_rate"] = LinearSchedule(values["learning_rate"][0], values["learning_rate"][1], 1.0)
         values["policy_kwargs"] = {key: values.pop(key) for key in ("net_arch", "log_std_init") if key in values}
-        games = self.wrapped(self.environment["map"], self.games)
-        return _LEARNERS[self.learner][0](self.policy, games, **values)
+        return _LEARNERS[self.learner][0](self.policy, self.wrapped(self.environment["map"], self.games), **values)
 
 
 class _Tests(BaseCallback):
@@ -109,8 +108,7 @@ class _Tests(BaseCallback):
         self._test.seed(_TEST_SEED)
         evaluate = _LEARNERS[self._baseline.learner][1]
         evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
-        reached = completed([*self.won.values()])
-        self.points.append({"decisions": self.num_timesteps, **reached})
+        self.points.append({"decisions": self.num_timesteps, **(reached := completed([*self.won.values()]))})
         print(f"{self._name}: {self.num_timesteps} decisions, {100 * reached['completed']:.1f} %", flush=True)
 
     def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:

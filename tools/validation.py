@@ -64,19 +64,15 @@ VARIANTS: tuple[tuple[str, ...], ...] = (
     ("all of ours", "robust executor, default spawn", f"{_PREEMPT} execution.pose_source=tf {_OUR_SPAWN}"),
 )
 Points = NDArray[np.float64]  # (N, 2) m
-_STEP_M = 0.02  # distance of the points at which paths are compared
 _LIMIT_M = 0.5  # shorter paths are not compared by length; paths farther apart pass an obstacle on different sides
 _COLUMNS = ("x", "y", "start_x", "start_y", "start_yaw", "start_v", "start_w", "sent_s", "canceled_s", "ended_s")
 Goal = dict[str, float]  # the columns of a recorded goal; its end is NaN if it did not succeed
-_LIMIT_S = 90.0  # longest duration of a trial
-_CLOSE = 0.15  # relative difference of travel times that counts as close
 Driven = tuple[float, float]  # time, s, and path length, m, until a goal succeeded; NaN if it did not
 
 
 def our_path(grid: DriveGrid, fields: PathFields, start: Points, goal: Points, tolerance_m: float) -> Points | None:
     """Return the path of the simulated Nav2 without ghosts, through the centres of cells; None if there is no path."""
-    column, row = grid.to_cell(*start)
-    cell, end = int(grid.snap[row, column]), goal
+    cell, end = int(grid.snap[grid.to_cell(*start)[::-1]]), goal
     last = int(grid.cells_under(goal[None])[0])
     if last < 0:
         last = grid.nearest_cell(float(goal[0]), float(goal[1]), tolerance_m)
@@ -94,24 +90,18 @@ def our_path(grid: DriveGrid, fields: PathFields, start: Points, goal: Points, t
 def apart_m(one: Points, other: Points) -> NDArray[np.float64]:
     """Return the distance to ``other`` of points along ``one``, at most 0.02 m apart."""
     along = np.append(0.0, np.hypot(*np.diff(one, axis=0).T).cumsum())
-    at = np.linspace(0.0, along[-1], max(2, int(along[-1] / _STEP_M) + 2))
+    at = np.linspace(0.0, along[-1], max(2, int(along[-1] / 0.02) + 2))
     points = np.stack([np.interp(at, along, one[:, k]) for k in (0, 1)], axis=1)
-    first, line = other[:-1], np.diff(other, axis=0)
-    off = points[:, None] - first
+    off, line = points[:, None] - other[:-1], np.diff(other, axis=0)
     share = np.clip((off * line).sum(axis=2) / np.maximum((line**2).sum(axis=1), 1e-12), 0.0, 1.0)
     return np.asarray(np.hypot(*np.moveaxis(off - share[..., None] * line, 2, 0)).min(axis=1))
 
 
 def compare_paths(file: Path) -> dict[str, dict[str, float]]:
-    """Return counts, shares, ratios of lengths and distances for each map of a file of a planner's answers.
-
-    ``settings`` are fields of our configuration for its costmap, ``maps`` contains ``start``, ``goal`` and ``path``
-    (null: no path) for each map, all as (x, y) in m.
-    """
+    """Return counts, shares, ratios of lengths and distances for each map of a file of a planner's answers."""
     with located(file, ValueError, (KeyError, TypeError, json.JSONDecodeError)):
         data = json.loads(file.read_text())
-        config, maps = make_config("robot_0_15", **data["settings"]), dict(data["maps"])
-    result = {}
+        config, maps, result = make_config("robot_0_15", **data["settings"]), dict(data["maps"]), {}
     for name, answers in maps.items():
         grid = build_grid(load_map(name), config.robot, config.nav2, config.pellets)
         fields, tolerance_m, both, alone = grid.path_fields(), config.nav2.unreachable_tolerance_m, [], [0, 0]
@@ -155,13 +145,12 @@ def drive(robot: SimulatedRobot, goals: Sequence[Goal]) -> list[Driven]:
     began_s, driven_m, at, canceled = robot.time_s - first["sent_s"], 0.0, robot.pose, False
     sent, slots = list[Driven](), dict[int, int]()  # when and after which way each goal was sent; its number by slot
     results = [(math.nan, math.nan)] * len(goals)
-    while (now_s := robot.time_s - began_s) < first["sent_s"] + _LIMIT_S:
+    while (now_s := robot.time_s - began_s) < first["sent_s"] + 90.0:
         if len(sent) < len(goals) and now_s >= goals[len(sent)]["sent_s"] - 1e-6:
             slots[robot.set_goal(goals[len(sent)]["x"], goals[len(sent)]["y"])] = len(sent)
             sent.append((now_s, driven_m))
-        if not canceled and now_s >= canceled_s:
+        if not canceled and (canceled := now_s >= canceled_s):
             robot.cancel()
-            canceled = True
         status, slot = robot.step()
         driven_m += math.dist(at[:2], robot.pose[:2])
         at, (v, omega) = robot.pose, robot.velocity
@@ -175,9 +164,9 @@ def drive(robot: SimulatedRobot, goals: Sequence[Goal]) -> list[Driven]:
 
 def recorded_goals(folder: Path, config: Config, maps: Path | None = None) -> tuple[str, list[tuple[Goal, Driven]]]:
     """Return the map's name and goals with what was simulated; maps that are not shipped are ``maps``/NAME/map.yaml."""
-    card = read_yaml(folder / "card.yaml")
-    own = (maps or folder) / card["map"] / "map.yaml"
-    occupancy = load_map(str(own) if own.is_file() else card["map"])
+    name = read_yaml(folder / "card.yaml")["map"]
+    own = (maps or folder) / name / "map.yaml"
+    occupancy = load_map(str(own) if own.is_file() else name)
     robot, trials = SimulatedRobot(occupancy, config), read_goals(folder / "goals.csv")
     return occupancy.name, [pair for goals in trials for pair in zip(goals, drive(robot, goals), strict=True)]
 
@@ -197,8 +186,8 @@ def goal_rows(pairs: Sequence[tuple[Goal, Driven]]) -> list[list[str]]:
         shares = [np.searchsorted(np.sort(side), both.ravel(), side="right") / len(both) for side in both.T]
         difference, distance = np.median(both[:, 1] - both[:, 0]), np.abs(shares[0] - shares[1]).max()
         rows.append([name, str(len(both)), *shown, f"{difference:+.2f}", f"{distance:.2f}"])
-    close = np.mean(np.abs(driven[done, 1] / driven[done, 0] - 1.0) <= _CLOSE)
-    return [*rows, [f"goals within {_CLOSE:.0%} of the recorded time", str(done.sum()), "", f"{close:.0%}", "", ""]]
+    close = np.mean(np.abs(driven[done, 1] / driven[done, 0] - 1.0) <= 0.15)
+    return [*rows, ["goals within 15% of the recorded time", str(done.sum()), "", f"{close:.0%}", "", ""]]
 
 
 def causes(source: str, episodes: int, workers: int) -> str:
@@ -222,8 +211,7 @@ def _play(source: str, seeds: NDArray[np.uint64], variant: tuple[str, ...]) -> A
 
 
 def _share(number: int, rounds: int) -> str:
-    low, high = wilson(int(number), rounds)
-    return f"{100 * number / rounds:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+    return "{:.1f} [{:.1f}, {:.1f}]".format(*(100 * share for share in (number / rounds, *wilson(int(number), rounds))))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -247,8 +235,8 @@ def _report(options: argparse.Namespace) -> None:
     elif options.recorded_goals:
         config = make_config(**parse_settings(options.set))
         compared = [recorded_goals(folder, config, options.maps) for folder in options.recorded_goals]
-        head = "map", "quantity", "goals", "recorded", "simulated", "difference by goal", "KS distance"
-        text = table(head, [[name, *row] for name, pairs in compared for row in goal_rows(pairs)])
+        heads = "map", "quantity", "goals", "recorded", "simulated", "difference by goal", "KS distance"
+        text = table(heads, [[name, *row] for name, pairs in compared for row in goal_rows(pairs)])
     else:
         text = causes(options.map, options.episodes, options.workers)
     print(text, end="")
