@@ -3,8 +3,10 @@
 import argparse
 import os
 import platform
+import re
 import sys
 from collections.abc import Callable, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -43,7 +45,7 @@ def benchmark(
 ) -> Callable[..., int]:
     """Return the ``main(argv)`` of ``python -m benchmarks.NAME``, with ``--map``, ``--json`` and the given options.
 
-    ``measure`` prints figures and returns them; ``--json`` writes them with version, map, seed and machine. ``extra``
+    ``measure`` prints figures and returns them; ``--json`` writes them with :func:`machine`, map and seed. ``extra``
     is the package's extra with the needed libraries; the exit status is 1 if ``failed`` is True for the figures.
     """
     parser = Parser(prog=f"python -m benchmarks.{name}", description=description)
@@ -56,13 +58,20 @@ def benchmark(
             prepare(arguments.json)
         figures = measure(arguments)
         if arguments.json:
-            facts = {"version": __version__, "map": arguments.map, "seed": getattr(arguments, "seed", None)}
-            processor = platform.processor() or platform.machine()
-            machine = {"python": platform.python_version(), "processor": processor, "cores": CORES}
-            write_json(arguments.json, {**facts, "machine": machine, **figures})
+            facts = {"map": arguments.map, "seed": getattr(arguments, "seed", None)}
+            write_json(arguments.json, {**machine(), **facts, **figures})
         return int(failed(figures))
 
     return lambda argv=None: run_command(parser, argv, work, extra)
+
+
+def machine() -> dict[str, Any]:
+    """Return the version and the properties of the machine on which figures depend, and the date."""
+    cpus = Path("/proc/cpuinfo")
+    names = re.findall(r"model name\s*: (.+)", cpus.read_text()) if cpus.exists() else []
+    processor = names[0] if names else platform.processor() or platform.machine()
+    facts = {"version": __version__, "python": platform.python_version(), "processor": processor}
+    return {**facts, "cores": os.cpu_count(), "date": date.today().isoformat()}
 
 
 def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:

@@ -1,77 +1,123 @@
-"""Compare the speed of this version and another: ``python -m benchmarks.versions ../before``, a checkout of that one.
+"""Measure the speed of this version, and of another one in turns: ``python -m benchmarks.versions ../before``.
 
-All rows of this checkout's ``pacman-env benchmark`` are measured in alternation with the code of both, in separate
-processes with the packages of this Python, in processor time. A ratio is the median over the turns; more than 1 means
-that this version makes more decisions per second, or takes fewer seconds. The ratio of bare Chipmunk should be 1 and
-shows how steady the machine was.
+``../before`` is a checkout of the other version. Both are measured by this checkout's ``benchmarks/speed.py`` in
+processes of their own, with the packages of this Python, in processor time. An id of which the other version has
+another number is measured under its number there. The table shows medians over the turns. A ratio of more than 1 means
+that this version makes more decisions per second, or takes fewer seconds. The row of bare Chipmunk, which only steps 64
+bodies among the same walls, shows how fast and how steady the machine is: its ratio should be 1.
 """
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark, in_checkout, median_and_range, turns
+from benchmarks.harness import ROOT, benchmark, in_checkout, machine, median_and_range, turns
 from pacman_env.command_line.command import finite_number
 from tools.common import table
 
-PROGRAM = ROOT / "pacman_env" / "evaluation" / "benchmark.py"
+PROGRAM = ROOT / "benchmarks" / "speed.py"
+_START = "import gymnasium, pacman_env; env = gymnasium.make('{}', map={!r}); env.reset(seed=0); env.step(0)"
+_TRAIN = "import sys; from pacman_env.training.train import main; sys.exit(main(sys.argv[1:]))"
+_SHORT = ("--quick", "--imitation", "8192", "--decisions", "65536", "--segment", "65536", "--evaluation", "16")
+_UNITS = ("decisions_per_s", "cpu_s")
+Figures = dict[str, dict[str, Any]]  # by row
 
 
-def measure(root: Path, *options: str) -> dict[str, Any]:
-    """Return the figures of this checkout's benchmark program, measured with the code of a checkout."""
+def measure(
+    root: Path, map_source: str, only: str, seconds: float, starts: bool = False, train: bool = False
+) -> Figures:
+    """Return the figures of this checkout's program on the code of a checkout, then of starts and of a training."""
     if not (root / "pacman_env").is_dir():
         raise ValueError(f"{root}: no checkout, pacman_env is not there")
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "figures.json"
-        # -P keeps the program's folder out of the module path.
-        command = in_checkout(root, "-P", str(PROGRAM), "--rounds", "1", "--json", str(file), *options)
-        done = subprocess.run(**command, capture_output=True)
-        if done.returncode != 0:
-            raise ValueError(f"{PROGRAM.name} on {root} failed: {done.stderr.strip()}")
-        return dict(json.loads(file.read_text()))
+    # -P keeps the program's folder out of the module path.
+    figures: Figures = json.loads(_child(root, "-P", str(PROGRAM), only, map_source, str(seconds))[0])
+    for env_id in sorted(
+        {row["id"] for row in figures.values() if starts and "Generated" not in row.get("id", "Generated")}
+    ):
+        with tempfile.TemporaryDirectory() as cache:
+            for when in ("empty cache", "warm"):
+                code = _START.format(env_id, map_source)
+                cpu_s = _child(root, "-P", "-c", code, PACMAN_ENV_CACHE=cache)[1]
+                figures[f"start to first step, {env_id.partition('-v')[0]}, {when}"] = {"cpu_s": cpu_s}
+    if train:
+        with tempfile.TemporaryDirectory() as folder:
+            cpu_s = _child(root, "-P", "-c", _TRAIN, *_SHORT, "--out", f"{folder}/run")[1]
+        figures["train --quick --decisions 65536"] = {"cpu_s": cpu_s}
+    return figures
 
 
-def ratios(ours: Sequence[dict[str, Any]], theirs: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
+def _child(root: Path, *arguments: str, **variables: str) -> tuple[str, float]:
+    """Run Python on the code of a checkout; return what it prints, and its processor time, s."""
+    began = os.times()
+    done = subprocess.run(**in_checkout(root, *arguments, **variables), capture_output=True)
+    ended = os.times()
+    if done.returncode != 0:
+        raise ValueError(f"{Path(arguments[1]).name} on {root} failed: {done.stderr.strip()}")
+    return done.stdout, sum(ended[2:4]) - sum(began[2:4])
+
+
+def ratios(ours: Sequence[Figures], theirs: Sequence[Figures]) -> dict[str, list[float]]:
     """Return by row how many times as fast this version is in each turn, for rows that both versions have."""
-    pairs = [(a["rows"], b["rows"]) for a, b in zip(ours, theirs, strict=True)]
     result: dict[str, list[float]] = {}
-    for name in pairs[0][0]:
-        if all("decisions_per_s" in side.get(name, {}) for pair in pairs for side in pair):
-            result[name] = [a[name]["decisions_per_s"] / b[name]["decisions_per_s"] for a, b in pairs]
-        elif all("cpu_s" in side.get(name, {}) for pair in pairs for side in pair):
-            result[name] = [b[name]["cpu_s"] / a[name]["cpu_s"] for a, b in pairs]
+    for name in ours[0]:
+        for unit, sign in zip(_UNITS, (1, -1), strict=True):
+            if all(unit in one.get(name, {}) for one in (*ours, *theirs)):
+                pairs = zip(ours, theirs, strict=True)
+                result[name] = [(a[name][unit] / b[name][unit]) ** sign for a, b in pairs]
     return result
 
 
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
-    roots = ROOT, arguments.checkout.resolve()
+    roots = [ROOT] if arguments.checkout is None else [ROOT, arguments.checkout.resolve()]
     map_source = str(Path(arguments.map).resolve()) if Path(arguments.map).exists() else arguments.map
-    options = ["--map", map_source, "--only", arguments.only]
     for root in roots[::-1]:  # compile and prepare before anything counts
-        measure(root, *options, "--seconds", "0.1")
-    options += [f"--{name}" for name in ("first-start", "training") if getattr(arguments, name.replace("-", "_"))]
-    measures = [partial(measure, root, *options, "--seconds", str(arguments.seconds)) for root in roots]
-    ours, theirs = zip(*turns(arguments.rounds, *measures), strict=True)
-    print(
-        "{version} and {other}, Python {python}, {cores} x {processor}, {date},".format(
-            **ours[0], other=theirs[0]["version"]
-        ),
-        f"map {arguments.map}, {arguments.rounds} turns, processor time\n",
-    )
-    by_row, rows = ratios(ours, theirs), []
-    for name, values in by_row.items():
-        key, form = ("decisions_per_s", ",.0f") if "decisions_per_s" in ours[0]["rows"][name] else ("cpu_s", ".1f")
-        medians = (median_and_range([one["rows"][name][key] for one in side])[0] for side in (ours, theirs))
-        middle, low, high = median_and_range(values)
-        rows.append([name, *(format(one, form) for one in medians), f"{middle:.2f}", f"{low:.2f} to {high:.2f}"])
-    print(table(("What", "here", "there", "here / there, median", "range"), rows), end="")
-    return {"beside": theirs[0]["version"], "ratios": by_row, "here": ours, "there": theirs}
+        measure(root, map_source, arguments.only, 0.1)
+    given = map_source, arguments.only, arguments.seconds, arguments.first_start, arguments.training
+    sides = list(zip(*turns(arguments.rounds, *(partial(measure, root, *given) for root in roots)), strict=True))
+    text = "{version}, Python {python}, {cores} x {processor}, {date}".format(**machine())
+    text += f", against {arguments.checkout}" if arguments.checkout else ""
+    print(f"{text}, map {arguments.map}, {arguments.rounds} turns, processor time\n")
+    ours, theirs = _medians(sides[0]), _medians(sides[-1])
+    for old, new in sorted(
+        {(theirs[name]["id"], row["id"]) for name, row in ours.items() if "id" in row and "id" in theirs[name]}
+    ):
+        if old != new:
+            print(f"{new} here is {old} there")
+    by_row, head = ratios(sides[0], sides[-1]), ["What", "decisions/s or s", "simulated s/s"]
+    rows = [[name, _shown(row), _shown(row, "simulated_s_per_s")] for name, row in ours.items()]
+    if len(sides) > 1:
+        head = ["What", "here", "there", "here / there, median", "range"]
+        rows = [[name, _shown(ours[name]), _shown(theirs[name])] for name in by_row]
+        for row in rows:
+            middle, low, high = median_and_range(by_row[row[0]])
+            row += [f"{middle:.2f}", f"{low:.2f} to {high:.2f}"]
+    print(table(head, rows), end="")
+    return {"ratios": by_row, "rows": ours, "there": theirs, "turns": sides}
+
+
+def _medians(turns: Sequence[Figures]) -> Figures:
+    return {
+        name: {
+            key: value if isinstance(value, str) else median_and_range([one[name][key] for one in turns])[0]
+            for key, value in row.items()
+        }
+        for name, row in turns[0].items()
+    }
+
+
+def _shown(row: Mapping[str, Any], *units: str) -> str:
+    """Return the first known of ``units``, or the decisions per second or the processor time."""
+    for unit in units or _UNITS:
+        if unit in row:
+            return format(row[unit], ",.1f" if unit == "cpu_s" else ",.0f")
+    return "-"
 
 
 main = benchmark(
@@ -79,7 +125,7 @@ main = benchmark(
     __doc__,
     run,
     "--rounds",
-    ("checkout", {"type": Path, "help": "folder of the other version"}),
+    ("checkout", {"type": Path, "nargs": "?", "help": "folder of the other version (only this version)"}),
     ("--seconds", {"type": finite_number(0), "default": 1.0, "help": "of processor time, per row and turn"}),
     ("--only", {"default": "", "metavar": "TEXT", "help": "rows whose name contains this"}),
     ("--first-start", {"action": "store_true", "help": "also starts on an empty cache: minutes"}),

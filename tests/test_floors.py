@@ -38,7 +38,7 @@ MESSAGES = (
 #: Outside package: the only rooms that may import it.
 ONLY_IN = {
     "pymunk": {"world.navigation.physics"},
-    "gymnasium": {"envs", "sb3", "render", "training", "evaluation.benchmark", "evaluation.dataset"},
+    "gymnasium": {"envs", "sb3", "render", "training", "evaluation.dataset"},
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},

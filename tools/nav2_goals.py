@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from rclpy.parameter import Parameter
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
-from pacman_env.evaluation.checks.recorded_goals import REST_MPS, REST_RADPS
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
 from pacman_env.ros.game_nodes import SIMULATOR, GameSetup, full_namespace
@@ -47,6 +46,7 @@ GHOST_Z_M, GHOST_RADIUS_M = 0.25, 0.05
 CAUGHT_M = 0.3  # a ghost that comes so near disappears, as the game would end
 LIMIT_S = 60.0  # of one goal, then it is canceled
 REST_S = 0.3
+REST_MPS, REST_RADPS = 0.01, 0.02  # a slower robot stands
 MOVES_MPS, MOVES_RADPS = 0.02, 0.05
 READY_S = 90.0  # of wall time, until Nav2 accepts goals
 STATUSES = {

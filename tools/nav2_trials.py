@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.evaluation.checks.recorded_goals import AHEAD, BEHIND
 from pacman_env.ros.messages import Pose
 from pacman_env.world.maps.occupancy import OccupancyMap
 from pacman_env.world.navigation.grid import build_grid
@@ -20,6 +19,7 @@ Direction = Literal["ahead", "beside", "behind"]
 Ghost = Literal["none", "far", "near", "walking"]
 T = TypeVar("T")
 
+AHEAD, BEHIND = math.pi / 4, 3 * math.pi / 4  # bearings of goals ahead and behind
 NEAR_M, FAR_M = (0.4, 1.0), (1.5, 4.5)  # path lengths
 NARROW_M = 0.55  # a place with less clearance is narrow, else open
 BEARING_M = 0.4  # of the path, whose direction is the goal's bearing

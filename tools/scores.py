@@ -67,12 +67,12 @@ def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
     return {"episodes": episodes, **counts, **means, "return_error": round(error, 3)}
 
 
-def rounds_of(env_id: str, one: dict[str, Any], unit: str = "") -> tuple[str, str]:
+def rounds_of(env_id: str, one: dict[str, Any]) -> tuple[str, str]:
     """Return a title and the completed rounds: the mean in endless games, otherwise the share with 95 % interval."""
     if IDS[env_id].kwargs.get("defaults", {}).get("endless"):
-        return "Rounds completed, mean", f"{one['rounds']:.1f} rounds" if unit else f"{one['rounds']:.2f}"
+        return "Rounds completed, mean", f"{one['rounds']:.2f}"
     low, high = wilson(one["complete"], one["episodes"])
-    share = f"{100 * one['complete'] / one['episodes']:.1f}{unit} [{100 * low:.1f}, {100 * high:.1f}]"
+    share = f"{100 * one['complete'] / one['episodes']:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
     return "Rounds completed, % [95 %]", share
 
 
@@ -87,18 +87,6 @@ def scores_of(env_id: str, scores: dict[str, Any]) -> str:
         rows.append([f"`{policy}`", done, f"{one['pellets']:.2f}", *caught, returned])
     heads = ["Pellets, mean", *(["Ghosts caught, mean"] if ghosts else []), "Return, mean ± standard error"]
     return table(("Policy", head, *heads), rows)
-
-
-def all_scores() -> str:
-    """Return the table of all ids: returns and completed rounds."""
-    scores = read()
-    rows = [
-        [f"`{env_id.removeprefix('pacman_env/')}`"]
-        + [f"{one['return']:.2f} ({rounds_of(env_id, one, ' %')[1]})" for one in scores[env_id].values()]
-        + ["-"] * (len(POLICIES) - len(scores[env_id]))
-        for env_id in IDS
-    ]
-    return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
 def read() -> dict[str, Any]:

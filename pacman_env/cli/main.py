@@ -26,20 +26,20 @@ MODULES = {
     "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
     "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
-    "benchmark": ("evaluation.benchmark", "measure the speed of the environments"),
-    "validation": ("evaluation.checks.validation", "compare the simulator with the ten real trials"),
-    "houses": ("evaluation.checks.generated_levels", "check independently that generated houses can be played"),
     "train": ("training.train", "train a planner"),
     "tune": ("training.tune", "search for hyperparameters"),
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
-    "learning-curves": ("training.learning_curves", "measure how fast standard learners learn"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
+    "benchmark": "run python -m benchmarks.versions in a checkout (docs/performance.md)",
     "completion": "pacman-env COMMAND --help lists the options of a command",
+    "houses": "run python -m tools.houses in a checkout",
+    "learning-curves": "run python -m tools.learning_curves in a checkout (docs/learning_curves.md)",
     "play": "pacman-env web --open plays a game in the browser (docs/web.md)",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
+    "validation": "run python -m tools.validation in a checkout (docs/validation.md)",
 }
 
 

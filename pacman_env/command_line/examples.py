@@ -52,16 +52,12 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
             "replay a round of a comparison by its seed",
         ),
     ),
-    "benchmark": (("benchmark --json results/benchmark.json", "measure everything; also write JSON"),),
-    "validation": (("validation --map house --episodes 100", "print a table in about a minute"),),
-    "houses": (("houses --levels 100", "check 50 training houses and 50 test houses"),),
     "train": (
         ("train --quick", "check in one to two minutes that training works"),
         ("train --seed 0 --out results/ppo", "run the whole training; add --resume to continue it"),
     ),
     "tune": (("tune --trials 30 --out results/tune", "run 30 short trainings; print the best file at the end"),),
     "adversary": (("adversary --quick", "check in about two minutes that it works"),),
-    "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "train with three seeds"),),
     "export": (("export results/ppo/last.zip --out mine.onnx", "export the last checkpoint of a training"),),
     "ros up": (
         ("ros up --map house --sim --speed 4 --start", "play a whole game without a robot"),

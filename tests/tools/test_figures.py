@@ -66,11 +66,10 @@ def test_comments_and_docstrings_do_not_change_an_input(package: Path) -> None:
 
 
 def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.CaptureFixture[str]) -> None:
-    records = {"ids/PacManBot-v1": store.read()["ids/PacManBot-v1"]}
-    now = dict(records["ids/PacManBot-v1"]["inputs"]) | {"planner": "another"}
-    assert [name for name, _ in stale(records, now)] == ["ids/PacManBot-v1"]
+    now = {**store.read()["house"]["inputs"], "planner": "another"}
+    assert "house" in [name for name, _ in stale(store.read(), now)]
     assert check(store.read(), now) == 1
-    assert "ids/PacManBot-v1 (docs/environments/ids.md): planner" in capsys.readouterr().out
+    assert "house (docs/index.md): planner" in capsys.readouterr().out
 
 
 def test_block_is_filled_inline_and_as_a_table() -> None:
@@ -87,9 +86,9 @@ def test_block_is_filled_inline_and_as_a_table() -> None:
     page = "ppo: <!-- figure: house/share ppo 0.25 -->old<!-- end --> (<!-- figure: house/stamp --><!-- end -->)"
     assert filled(page, records).count("90.0 % [80.0, 95.0]") == 1
     assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test; `random`: 1.3.0<!-- end -->)" in filled(page, records)
-    table = filled("<!-- figure: house/by-map -->\n\nold\n\n<!-- end -->", records)
-    assert table.startswith("<!-- figure: house/by-map -->\n\n| map |")
-    assert filled(table, records) == table
+    table = filled("<!-- figure: compare/terminal -->\n\nold\n\n<!-- end -->", store.read())
+    assert table.startswith("<!-- figure: compare/terminal -->\n\n```")
+    assert filled(table, store.read()) == table
 
 
 @pytest.mark.parametrize("block", ["unknown/share", "house/unknown", "house/share ppo 0.45"])

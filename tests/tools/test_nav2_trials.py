@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.evaluation.checks.recorded_goals import AHEAD, BEHIND
 from pacman_env.world.maps.occupancy import load_map
-from tools.nav2_trials import FAR_M, NEAR_M, Leg, Places, draw_trials
+from tools.nav2_trials import AHEAD, BEHIND, FAR_M, NEAR_M, Leg, Places, draw_trials
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """List the measurements behind the figures of the documentation: command, inputs and how the values are obtained."""
 
-import csv
 import hashlib
 import json
 import os
@@ -17,14 +16,13 @@ from tools import scores
 from tools.common import ROOT
 
 Values = Any  # plain data, as JSON stores it
-REAL_MAPS = (
+_SHARED = Path(os.environ.get("PACMAN_ENV_SHARED") or ROOT.parent / "shared")  # real maps; not in the repository
+_LEAGUE_MAPS = (
     "irl_lab", "aws_small_house", "pacmanbot_house", "ipa_kitchen", "mh_amcl_lab",
     "irl_aws_house", "f1tenth_levine", "ecn_amphiE", "elsabot_upstairs", "ecn_batS",
 )  # fmt: skip
-_SHARED = Path(os.environ.get("PACMAN_ENV_SHARED") or ROOT.parent / "shared")  # real maps; not in the repository
-_NAV2_ROUNDS = ROOT / "eval" / "nav2" / "rounds.csv"
+_SPEED = "benchmarks.versions --seconds 2"
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
-_NODES = ROOT / "eval" / "nodes.csv"
 
 _ROUNDS = ("engine", "settings", "evaluation")
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
@@ -50,32 +48,10 @@ class Measurement:
 
 def measurements() -> dict[str, Measurement]:
     """Return all measurements by name."""
-    maps = [f"../shared/maps/{name}/map.yaml" for name in REAL_MAPS]
-    table = "--policies ppo lookahead clyde_aware --clyde-speed 0.25 0.35 0.45 --episodes 100"
-    errors = "--policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000"
-    robot_0_15 = "--preset robot_0_15 --policies ppo --clyde-speed 0.25 0.35 0.45 --episodes 100"
-    speed = "benchmark --rounds 5 --seconds 2 --first-start --training"
-    arcade = "--preset arcade --levels test --policies ppo nearest lookahead clyde_aware --episodes 400"
+    maps = [f"../shared/maps/{name}/map.yaml" for name in _LEAGUE_MAPS]
     found = {
         "compare": _compare("scripts/compare", 1),
-        "real_maps": _each_map(f"pacman-env compare --map MAP {table}", 25),
-        "real_maps_robot_0_15": _each_map(f"pacman-env compare --map MAP {robot_0_15}", 8),
-        "arcade": _compare(f"pacman-env compare {arcade}", 3),
         "house": _compare("pacman-env compare --policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000", 5),
-        "causes": _text(f"pacman-env validation --map {maps[2]} --workers 2", 10, (*_ROUNDS, "policies")),
-        "recorded_goals": _text(
-            "pacman-env validation --recorded-goals eval/nav2/house eval/nav2/irl_aws_house eval/nav2/tb4_maze"
-            " eval/nav2/pacmanbot_house --maps ../shared/maps --set robot.speed_mps=0.306",
-            2,
-            ("engine", "settings"),
-        ),
-        "lasting_errors": _compare(f"pacman-env compare {errors} --set localization.error_kept=0.93", 5),
-        "power": Measurement(
-            f"pacman-env compare {_POWER} --set power.pellets=4 --set clyde.ghosts=GHOSTS",
-            _POLICIES,
-            15,
-            _power,
-        ),
         "maskable_ppo": Measurement(
             "python docs/examples/clients/sb3_maskable_ppo.py --seed SEED --rounds 400 --test generated:test house",
             ("engine", "settings", *_FEATURES, "environments"),
@@ -88,23 +64,11 @@ def measurements() -> dict[str, Measurement]:
             80,
             lambda folder: _league(maps, folder),
         ),
-        "nav2_rounds": Measurement(
-            'python -m tools.nav2_rounds house --policy POLICY --nav2 "COMMAND" --out eval/nav2/rounds.csv',
-            ("engine", "settings", *_PLANNERS),
-            300,
-            lambda _: _recorded(_NAV2_ROUNDS),
-        ),
-        "nodes": Measurement(
-            "python -m tests.system.campaign.robot_rounds",
-            ("engine", "settings", *_PLANNERS),
-            60,
-            lambda _: _recorded(_NODES),
-        ),
         "speed": Measurement(
-            f"pacman-env {speed}",
+            f"python -m {_SPEED}",
             ("engine", *_FEATURES, "environments", "compiler", "planner", "training"),
             12,
-            lambda _: {**_json(speed, "--json"), "command": f"pacman-env {speed}"},
+            lambda _: _json(_SPEED, "--json"),
         ),
     }
     for env_id in IDS:
@@ -116,20 +80,6 @@ def measurements() -> dict[str, Measurement]:
             lambda _, env_id=env_id: scores.score_id(env_id, 200),  # type: ignore[misc]
         )
     return found
-
-
-_GHOSTS = ("chase", "arcade,chase", "arcade,chase,wander,wander")
-_POWER = "--levels test --num-levels 100 --policies nearest clyde_aware lookahead ppo"
-
-
-def _power(folder: Path) -> Values:
-    """Return the rows of the same ghosts without power pellets and with four."""
-    return [
-        {**row, "ghosts": ghosts, "power_pellets": pellets}
-        for ghosts in _GHOSTS
-        for pellets in (0, 4)
-        for row in _rows(f"compare {_POWER} --set power.pellets={pellets} --set clyde.ghosts={ghosts}", folder)
-    ]
 
 
 def _learned(*seeds: str) -> dict[str, list[str]]:
@@ -161,24 +111,6 @@ def _compare(command: str, minutes: float, inputs: tuple[str, ...] = _POLICIES) 
     return Measurement(command, inputs, minutes, lambda folder: _rows(words, folder))
 
 
-def _each_map(command: str, minutes: float) -> Measurement:
-    words = command.removeprefix("pacman-env ")
-
-    def measure(folder: Path) -> Values:
-        return [
-            row
-            for name in REAL_MAPS
-            for row in _rows(words.replace("MAP", f"../shared/maps/{name}/map.yaml"), folder / name)
-        ]
-
-    return Measurement(command, _POLICIES, minutes, measure)
-
-
-def _text(command: str, minutes: float, inputs: tuple[str, ...]) -> Measurement:
-    words = command.removeprefix("pacman-env ")
-    return Measurement(command, inputs, minutes, lambda _: _written(words, "--markdown", ".md"))
-
-
 def _rows(words: str, folder: Path) -> list[Mapping[str, Any]]:
     results = _json(f"{words} --workers 2 --resume --parts {folder}", "--json")
     kept: list[Mapping[str, Any]] = []
@@ -192,18 +124,13 @@ def _json(words: str, option: str) -> Values:
 
 
 def _written(words: str, option: str, suffix: str) -> str:
-    """Run a command of ``pacman-env`` and return what it writes with an option."""
+    """Run a command of ``pacman-env``, or a module of benchmarks, and return what it writes with an option."""
     arguments = [
         word.replace("../shared", str(_SHARED), 1) if word.startswith("../shared") else word for word in words.split()
     ]
-    command = [sys.executable, "-m", "pacman_env.cli.main", *arguments]
+    module = [] if words.startswith("benchmarks.") else ["pacman_env.cli.main"]
+    command = [sys.executable, "-m", *module, *arguments]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, f"figure{suffix}")
         subprocess.run([*command, option, str(file)], cwd=ROOT, check=True)
         return file.read_text(encoding="utf-8")
-
-
-def _recorded(file: Path) -> list[dict[str, str]]:
-    """Return the rows of a recording that this machine may not be able to repeat."""
-    with file.open(newline="", encoding="utf-8") as rows:
-        return list(csv.DictReader(rows))

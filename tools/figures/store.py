@@ -1,13 +1,11 @@
 """Read and write docs/figures.json, which contains the results of all measurements."""
 
-import datetime
 import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pacman_env import __version__
-from pacman_env.evaluation.benchmark import machine
+from benchmarks.harness import machine
 from pacman_env.files import commit, write_text
 from tools.common import ROOT
 from tools.figures.inputs import hashes
@@ -31,10 +29,10 @@ def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:
     facts = machine()
     return {
         "command": command,
-        "version": __version__,
+        "version": facts["version"],
         "commit": commit(),
         "machine": f"{facts['cores']} x {facts['processor']}",
-        "date": datetime.date.today().isoformat(),
+        "date": facts["date"],
         "inputs": hashes(inputs),
         "values": values,
     }

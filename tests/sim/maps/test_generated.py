@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from pacman_env.config import ConfigError, make_config
-from pacman_env.evaluation.checks.generated_levels import judge
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import (
     TEST_LEVEL,
@@ -22,6 +21,7 @@ from pacman_env.sim.maps.level_source import (
 )
 from pacman_env.world.maps.occupancy import MapError
 from pacman_env.world.navigation.paths import UNREACHABLE_CM
+from tools.houses import judge
 
 CONFIG = make_config()
 
@@ -89,8 +89,8 @@ def test_named_levels_alone_are_played(split: str, scale: int) -> None:
 @pytest.mark.parametrize("first", [0, TEST_LEVEL + 500])
 def test_levels_are_playable(first: int, tmp_path: Path) -> None:
     for level in range(first, first + 5):
-        pellets, reason = judge(level, tmp_path)
-        assert not reason
+        pellets, sealed = judge(level, tmp_path)
+        assert not sealed
         assert 4 <= pellets <= 16
 
 

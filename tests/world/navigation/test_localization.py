@@ -19,7 +19,7 @@ from tests.shared import shared_path
 
 ROBOT = make_config("robot").localization
 #: Figures of Nav2 1.3.13's AMCL along games on the shipped maps (docs/validation.md).
-REAL = json.loads((Path(__file__).parents[2] / "evaluation/checks/golden/amcl_errors.json").read_text())["maps"]
+REAL = json.loads((Path(__file__).parent / "golden" / "amcl_errors.json").read_text())["maps"]
 SHIPPED = [(name, REAL[name]) for name in ("house", "loop", "maze", "open_plan")]
 POSE = [("x", np.float64), ("y", np.float64), ("heading", np.float64)]
 

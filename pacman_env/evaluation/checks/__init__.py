@@ -1,1 +1,0 @@
-"""Long checks of the simulator; each module is a command."""
