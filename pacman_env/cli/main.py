@@ -1,6 +1,7 @@
 """The ``pacman-env`` command: arguments, output and exit status; only the command that runs imports heavy modules.
 
-To add a command, add a function to :data:`GROUPS`, or an entry to :data:`MODULES` if the command has its own module."""
+To add a command, add its name to :data:`HELP`, and a function to :data:`GROUPS`, or an entry to :data:`MODULES` if the
+command has its own module."""
 
 import argparse
 import io
@@ -31,6 +32,14 @@ MODULES = {
     "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
+#: Groups of commands in the help.
+HELP = {
+    "look and play": ("web", "map", "replay"),
+    "measure": ("compare", "report", "leaderboard", "bound", "dataset"),
+    "train": ("train", "tune", "adversary", "export"),
+    "robot": ("ros",),
+    "setup": ("warm-up",),
+}
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
     "benchmark": "run python -m benchmarks.versions in a checkout (docs/performance.md)",
@@ -41,6 +50,23 @@ REMOVED = {
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
     "validation": "run python -m tools.validation in a checkout (docs/validation.md)",
 }
+
+
+class _GroupedParser(Parser):
+    """Lists the commands in the groups of :data:`HELP`."""
+
+    def format_help(self) -> str:
+        (commands,) = (one for one in self._actions if isinstance(one, argparse._SubParsersAction))
+        formatter, named = self._get_formatter(), {one.dest: one for one in commands._choices_actions}
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        groups = {title: [named[name] for name in names] for title, names in HELP.items()}
+        for title, listed in (*groups.items(), ("options", [one for one in self._actions if one is not commands])):
+            formatter.start_section(title)
+            formatter.add_arguments(listed)
+            formatter.end_section()
+        formatter.add_text("pacman-env COMMAND --help shows the options and examples of a command.")
+        return formatter.format_help()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -71,9 +97,10 @@ def _main(argv: Sequence[str]) -> int:
 
 def make_parser() -> Parser:
     """Return the parser; commands of :data:`MODULES` have no arguments, because their modules parse them."""
-    parser = Parser(prog="pacman-env", description="PacManBot: maps, games, policies, their evaluation and training.")
+    purpose = "PacManBot: maps, games, policies, their evaluation and training."
+    parser = _GroupedParser(prog="pacman-env", description=purpose)
     parser.add_argument("--version", action="version", version=__version__)
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for add_group in GROUPS:
         add_group(commands)
     for name, (_, purpose) in MODULES.items():

@@ -1,13 +1,14 @@
 """What a newcomer sees: the command alone, and the examples in each command's help."""
 
 import argparse
+import re
 import shlex
 from collections.abc import Callable, Iterator
 from importlib import import_module
 
 import pytest
 
-from pacman_env.cli.main import MODULES, REMOVED, main, make_parser
+from pacman_env.cli.main import HELP, MODULES, REMOVED, main, make_parser
 from pacman_env.command_line.examples import EXAMPLES, FIRST, PROG
 
 
@@ -42,6 +43,13 @@ def test_command_without_arguments_suggests_first_steps(capsys: pytest.CaptureFi
 
 def test_every_command_has_examples() -> None:
     assert set(commands(make_parser())) == set(EXAMPLES)
+
+
+def test_help_lists_every_command_in_one_group() -> None:
+    listed = [name for names in HELP.values() for name in names]
+    assert sorted(listed) == sorted({name.split()[0] for name in commands(make_parser())})
+    shown = re.findall(r"^  ([a-z][\w-]*) ", make_parser().format_help(), re.MULTILINE)
+    assert shown == listed
 
 
 @pytest.mark.parametrize("command", REMOVED)
