@@ -123,7 +123,7 @@ def test_every_picture_is_shown_and_total_is_small() -> None:
 
 
 def test_pages_show_every_command() -> None:
-    assert {shlex.split(command)[1] for command in COMMANDS} >= {"map", "play", "ros", *MODULES}
+    assert {shlex.split(command)[1] for command in COMMANDS} >= {"map", "web", "ros", *MODULES}
 
 
 @pytest.mark.parametrize("command", IN_A_CHECKOUT)
