@@ -5,8 +5,8 @@ executor.
 """
 
 import contextlib
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,12 +19,10 @@ from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import BATCH, MOST_ROUNDS, episode_seeds
 from pacman_env.evaluation.rounds.scenarios import load_policy
-from pacman_env.evaluation.rounds.shipping import contents, write_cached
 from pacman_env.executors.base import Executor
 from pacman_env.game.execution import RUNNING
 from pacman_env.policies.asking import choose, reset
 from pacman_env.sim.maps.level_source import FixedMap
-from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
 _MOST_PER_TASK = 500  # most rounds of a task
 _TASK_BYTES = 2**27  # approximate bytes of a task's observations
@@ -51,7 +49,6 @@ class Recording:
     policy: str  # a name or a file
     arguments: EnvArguments
     seeds: NDArray[np.uint64]  # (E,)
-    files: Mapping[str, dict[str, bytes]] = field(default_factory=dict)  # policy files by path, for another machine
 
 
 @dataclass(frozen=True)
@@ -105,8 +102,6 @@ def tasks_of(policy: str, arguments: EnvArguments, seeds: NDArray[np.uint64]) ->
 
 def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[RecordedRounds, None, None]:
     """Yield the rounds of all tasks in order, whatever the executor; raises the first error."""
-    if executor.remote:
-        tasks = [_sent(task) for task in tasks]
     early: dict[int, RecordedRounds] = {}
     number = 0
     with contextlib.closing(executor.run(record, tasks)) as ends:
@@ -117,23 +112,9 @@ def recorded(tasks: Sequence[Recording], executor: Executor) -> Generator[Record
                 number += 1
 
 
-def _sent(task: Recording) -> Recording:
-    """Return the task with the map's pixels and the policies' files, for another machine."""
-    arguments = task.arguments
-    source = arguments.map
-    if isinstance(source, str) and source.partition(":")[0] not in (*shipped_maps(), "generated"):
-        arguments = replace(arguments, map=load_map(source))
-    ghosts = arguments.ghosts if isinstance(arguments.ghosts, tuple) else ()
-    return replace(task, arguments=arguments, files=contents([task.policy, *map(str, ghosts)]))
-
-
 def record(task: Recording) -> RecordedRounds:
     """Play the rounds of a task."""
-    places, arguments = {spec: write_cached(files, spec) for spec, files in task.files.items()}, task.arguments
-    if isinstance(arguments.ghosts, tuple):
-        ghosts = [places[name] if isinstance(name, str) and name in places else name for name in arguments.ghosts]
-        arguments = replace(arguments, ghosts=ghosts)
-    policy = load_policy(places.get(task.policy, task.policy))
+    arguments, policy = task.arguments, load_policy(task.policy)
     runner = GameRunner(min(BATCH, len(task.seeds)), arguments)
     check(runner.config)
     return _Recorder(runner, policy, task.seeds).play()
