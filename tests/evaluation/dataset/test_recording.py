@@ -1,9 +1,5 @@
 """What is recorded is what was played: the rounds of the environment, one after the other."""
 
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -15,13 +11,10 @@ from pacman_env.evaluation.dataset.recording import (
     flattened,
     outcomes,
     record,
-    recorded,
     round_seeds,
     tasks_of,
 )
-from pacman_env.executors.base import InProcess
 from pacman_env.policies.registry import make_policy
-from tests.evaluation.helpers import copy_planners
 
 SHORT = {"time_limit_s": 40.0, "pellets.spacing_m": 3.0}
 ENVIRONMENTS: dict[str, EnvArguments] = {
@@ -100,32 +93,6 @@ def test_rounds_of_level_are_adjacent_in_small_tasks() -> None:
     levels = arguments.make_source(config).levels_of(in_order)
     assert (np.diff(levels) >= 0).all()
     assert set(levels.tolist()) == {0, 1, 2}
-
-
-class _Elsewhere(InProcess):
-    """Other machines, which have none of this one's files."""
-
-    remote = True
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__()
-        self._folder = folder
-
-    def _ends(self, function: Any, tasks: Sequence[Any], homes: Any) -> Any:
-        for path in self._folder.glob("*.*"):
-            path.unlink()
-        yield from super()._ends(function, tasks, homes)
-
-
-def test_map_and_policy_files_reach_another_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
-    planner, ghost = copy_planners(tmp_path)
-    arguments = EnvArguments(str(tmp_path / "mine.yaml"), flat=True, ghosts=("wander", ghost), settings=SHORT)
-    tasks = [Recording(planner, arguments, round_seeds(3, 4))]
-    (here,) = recorded(tasks, InProcess())
-    (there,) = recorded(tasks, _Elsewhere(tmp_path))
-    assert equal(here, there)
-    assert not list(tmp_path.glob("*.onnx"))
 
 
 def test_unlisted_choices_are_counted_and_become_hold() -> None:
