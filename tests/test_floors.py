@@ -49,7 +49,6 @@ ONLY_IN = {
     "h5py": {"evaluation.dataset"},
     "jax": {"evaluation.dataset"},
     "ray": {"executors.ray_cluster"},
-    "pebble": {"executors.processes"},
     "onnxruntime": {"policies.learned"},
     "onnx": {"training"},
 }
@@ -141,7 +140,6 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
         "ros.node",  # the nodes of the table of processes
         "ros.topics",  # message types
         "sim.maps.levels_ahead",  # filelock
-        "executors.ray_cluster",  # functions of tasks
     }
 
 

@@ -1,90 +1,83 @@
-"""Tasks in processes of this machine, by pebble, which can cancel a running task and notices a process that died."""
+"""Tasks in processes of this machine; a pool that lost a process is replaced by a new one."""
 
+import logging
 import multiprocessing
 import os
-import pickle
+import signal
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import Any
-
-from pebble import ProcessExpired, ProcessPool
 
 from pacman_env.engine.interrupts import end_with
 
-from .base import Done, Executor, Keys, Result, Task, TaskFailed, WorkerLosses, plain
-from .queue import StickyQueue
+from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed, attempt
+
+_LOG = logging.getLogger(__name__)
 
 
 class LocalProcesses(Executor):
-    """Run tasks in processes; each is a separate pool, so that a process keeps its data from call to call."""
+    """Run tasks in a pool of processes, at most one for each process at a time."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)
-        self._pools = [_new_pool() for _ in range(workers)]
+        self._pool = self._new_pool()
 
-    def _ends(
-        self, function: Callable[[Task], Result], tasks: Sequence[Task], keys: Keys
-    ) -> Generator[Done[Result], None, None]:
-        waiting, losses = StickyQueue(len(tasks), keys, self._owners), WorkerLosses(self.progress, self.most_losses)
-        running: dict[Future[Any], tuple[int, int]] = {}  # the worker and the task
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+        waiting, losses = deque(range(len(tasks))), Counter[int]()
+        running: dict[Future[Done[Result]], int] = {}
         try:
             while waiting or running:
-                for worker in set(range(self.workers)) - {worker for worker, _ in running.values()}:
-                    number = waiting.next_task(worker, self.workers)
-                    if number is not None:
-                        running[self._begin(worker, function, tasks[number])] = worker, number
-                self.progress.waiting = len(waiting)
+                while waiting and len(running) < self._width(losses, waiting[0], *running.values()):
+                    number = waiting.popleft()
+                    running[self._submit(function, number, tasks[number])] = number
+                lost = []
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    worker, number = running.pop(future)
+                    number = running.pop(future)
                     try:
-                        yield Done(number, future.result())
-                    except (ProcessExpired, BrokenProcessPool):
-                        waiting.drop_worker(worker)
-                        yield from losses.note(number, waiting, "its process died")
-                    except Exception as error:
+                        yield future.result()
+                    except BrokenProcessPool:
+                        lost.append(number)
+                for number in sorted(lost, reverse=True):
+                    losses[number] += 1
+                    if losses[number] > MOST_LOSSES:
+                        error = TaskFailed(f"task {number}: its process died {losses[number]} times")
                         yield Done(number, error=error)
+                    else:
+                        _LOG.warning("task %d: a process died, the task is done again", number)
+                        waiting.appendleft(number)
         finally:
-            for future in running:
-                future.cancel()
+            if running:
+                self._terminate()
 
-    def _begin(self, worker: int, function: Callable[[Task], Result], task: Task) -> Future[Any]:
-        for _ in range(2):
-            try:
-                future: Future[Any] = self._pools[worker].schedule(_call, args=(function, task))
-                return future
-            except RuntimeError:  # a pool whose process is killed while it has no task can do no more
-                self._pools[worker].stop()
-                self._pools[worker].join()
-                self._pools[worker] = _new_pool()
-        raise TaskFailed("no process can be started")
+    def _width(self, losses: Counter[int], *numbers: int) -> int:
+        """Return how many of these tasks may run together; a task that was lost twice runs alone, to find the cause."""
+        return 1 if any(losses[number] > 1 for number in numbers) else self.workers
+
+    def _submit(self, function: Callable[[Task], Result], number: int, task: Task) -> Future[Done[Result]]:
+        try:
+            return self._pool.submit(attempt, function, number, task)
+        except BrokenProcessPool:
+            self._terminate()
+            return self._pool.submit(attempt, function, number, task)
+
+    def _terminate(self) -> None:
+        """End the processes with their tasks, and create a new pool, which starts processes when it gets tasks."""
+        for process in list((self._pool._processes or {}).values()):  # Python 3.14 has terminate_workers
+            process.kill()
+        self.close()
+        self._pool = self._new_pool()
+
+    def _new_pool(self) -> ProcessPoolExecutor:
+        # spawn: a forked child would share the locks of threads that it does not have
+        spawn = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(self.workers, spawn, _begin, (os.getpid(),))
 
     def close(self) -> None:
-        for pool in self._pools:
-            pool.stop()
-        for pool in self._pools:
-            pool.join()
+        self._pool.shutdown(cancel_futures=True)
 
 
-def _call(function: Callable[[Task], Result], task: Task) -> Result:
-    """Return the result of a task; an exception that pickle cannot restore is raised as plain data."""
-    try:
-        return function(task)
-    except Exception as error:
-        if _survives(error):
-            raise
-        raise plain(error) from None
-
-
-def _survives(error: Exception) -> bool:
-    try:
-        again = pickle.loads(pickle.dumps(error))
-    except Exception:  # its own code is called, and may fail anywhere
-        return False
-    return type(again) is type(error) and str(again) == str(error)
-
-
-def _new_pool() -> ProcessPool:
-    # spawn: a forked child would share the locks of threads that it does not have
-    spawn = multiprocessing.get_context("spawn")
-    return ProcessPool(1, context=spawn, initializer=end_with, initargs=(os.getpid(),))
+def _begin(parent: int) -> None:
+    """Leave Ctrl-C to the command, which ends its processes, and end with the command."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with(parent)

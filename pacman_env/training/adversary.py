@@ -3,7 +3,6 @@
 Arguments, the sequence of rounds, the planner's opponents, the table of completion for each pair, and the record.
 """
 
-import contextlib
 import dataclasses
 import sys
 import time
@@ -24,7 +23,6 @@ from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Share, require
 from pacman_env.episodes.statistics import wilson
 from pacman_env.executors.base import Executor
-from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import write_json
 from pacman_env.game.ghosts import POLICY, WANDER
 from pacman_env.policies.base import Policy
@@ -43,7 +41,7 @@ from pacman_env.training.games import Part, facts_of, make_ghost_parts, make_par
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO, imitate
-from pacman_env.training.train import progress_bar
+from pacman_env.training.train import progress_bar, run_training
 
 _PROG = "pacman-env adversary"
 RULES = ("lookahead", "clyde_aware")
@@ -131,7 +129,6 @@ def parse(argv: Sequence[str]) -> AdversaryArguments:
 def make_parser(default: AdversaryArguments | None = None) -> Parser:
     parser = Parser(prog=_PROG, description=AdversaryArguments.__doc__, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="two minutes on two cores")
-    add_executor_arguments(parser)
     add_options(parser, default or AdversaryArguments())
     return parser
 
@@ -202,8 +199,8 @@ class Alternation:
         torch.manual_seed(torch_seed)
         model.decisions = 0  # in this round: the schedules start again
         began = time.perf_counter()
-        with contextlib.closing(Collector(parts, self._executor)) as games:
-            model.learn(games, model.hyper.decisions, games_seed, bar)
+        games = Collector(parts, self._executor)
+        model.learn(games, model.hyper.decisions, games_seed, bar)
         self._decisions[side] += model.decisions
         return time.perf_counter() - began
 
@@ -236,8 +233,8 @@ def starting_model(arguments: AdversaryArguments, executor: Executor) -> tuple[P
     if path is None:
         model = make()
         if arguments.imitation > 0:
-            with contextlib.closing(Collector(make_parts(game, 0), executor)) as games:
-                imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
+            games = Collector(make_parts(game, 0), executor)
+            imitate(model, games, arguments.imitation, games_seed=games_seed, seed=torch_seed)
         return model, 0
     if path.suffix.lower() == ".onnx":
         network = network_of(path)

@@ -1,27 +1,20 @@
-"""Fragments: the steps of one part of the games between two updates, as a task that any process can play.
+"""Fragments: the steps of one part of the games between two updates, which a thread plays.
 
-A fragment depends on its task alone: the state of the games, the network, a seed. The process that played a part's last
-fragment keeps the part's games; another process restores them bit for bit.
+A fragment depends on the games, the network and a seed, not on the thread or on other parts.
 """
 
 from __future__ import annotations
 
 import functools
-import io
 import os
-import pickle
-import threading
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pacman_env.policies.base import Policy
 from pacman_env.sb3 import Observation
-from pacman_env.training.games import Ending, Games, Part, PlannerGames
+from pacman_env.training.games import Ending, Part, PlannerGames
 from pacman_env.training.network import EntityNetwork, PackedSituations, joined
 
 #: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
@@ -36,19 +29,6 @@ class FragmentChoices(NamedTuple):
     values: torch.Tensor  # (B,)
 
 
-@dataclass(frozen=True)
-class Task:
-    key: tuple[int, int]  # key of the part in the learner's process
-    number: int  # number of the fragment
-    part: Part
-    games_seed: int  # seed of the part's first rounds
-    state: bytes | None  # pickled games before the fragment; None: new rounds start
-    network: EntityNetwork
-    seed: int  # seed of the choices in the fragment
-    steps: int
-    how: How
-
-
 class Fragment(NamedTuple):
     """T steps in each of N games; the B = T N situations are ordered by step, then by game."""
 
@@ -60,7 +40,6 @@ class Fragment(NamedTuple):
     dones: NDArray[np.bool_]  # (T, N)
     endings: list[Ending]
     agreed: float  # share of the network's choices that equal the rule's
-    state: bytes  # pickled games after the fragment
 
 
 @torch.inference_mode()
@@ -86,37 +65,44 @@ def check(numbers: torch.Tensor) -> None:
         raise FloatingPointError("the training has diverged: logits are no numbers any more")
 
 
-def play(task: Task) -> Fragment:
-    """Play a fragment, in games that this process has kept or restores."""
-    use_device("cpu")
-    running = _begin(task)
+class RunningPart:
+    """The games of a part, which continue from fragment to fragment."""
+
+    def __init__(self, part: Part, seed: int) -> None:
+        """Create the games; ``seed`` is the seed of the first rounds."""
+        self.games = part.make()
+        self.observation = self.games.reset(seed)
+
+
+def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, seed: int) -> Fragment:
+    """Play the next ``steps`` decisions in each game; ``seed`` decides the drawn choices."""
     games, observation = running.games, running.observation
-    generator = torch.Generator().manual_seed(task.seed) if task.how == "drawn" else None
-    if task.how != "drawn":
+    generator = torch.Generator().manual_seed(seed) if how == "drawn" else None
+    if how != "drawn":
         assert isinstance(games, PlannerGames), "only planners are taught"
         games.begin_teaching()
-    size = task.steps, games.num_envs
+    size = steps, games.num_envs
     rewards, dones = np.zeros(size, dtype=np.float32), np.zeros(size, dtype=np.bool_)
-    values = np.zeros((task.steps + 1, games.num_envs), dtype=np.float32)
+    values = np.zeros((steps + 1, games.num_envs), dtype=np.float32)
     slots, log_probs = [], []
     endings: list[Ending] = []
     agreed = 0.0
     met: list[PackedSituations] = []
-    for t in range(task.steps):
-        labels = games.choices() if isinstance(games, PlannerGames) and task.how != "drawn" else None
-        choices, actions = choose(task.network, observation, generator)
+    for t in range(steps):
+        labels = games.choices() if isinstance(games, PlannerGames) and how != "drawn" else None
+        choices, actions = choose(network, observation, generator)
         met.append(choices.situations)
         if labels is None:
             slots.append(choices.slots)
         else:
-            agreed += float((actions == labels).mean()) / task.steps
+            agreed += float((actions == labels).mean()) / steps
             slots.append((choices.order == torch.from_numpy(labels)[:, None]).byte().argmax(dim=1))
         log_probs.append(choices.log_probs)
         values[t] = choices.values.numpy()
-        step = games.step(labels if task.how == "taught" and labels is not None else actions)
+        step = games.step(labels if how == "taught" and labels is not None else actions)
         observation, rewards[t], dones[t] = step[:3]
         endings += step.endings
-    values[-1] = choose(task.network, observation)[0].values.numpy()
+    values[-1] = choose(network, observation)[0].values.numpy()
     running.observation = observation
     return Fragment(
         tuple(array.numpy() for array in joined(met)),
@@ -127,73 +113,7 @@ def play(task: Task) -> Fragment:
         dones,
         endings,
         agreed,
-        _end(task, running),
     )
-
-
-class _RunningPart:
-    """Games of a part between fragments."""
-
-    def __init__(self, task: Task) -> None:
-        self._policies = task.part.policies()
-        env = None
-        if task.state is not None:
-            env, self.observation = _Unpickler(task.state, self._policies).load()
-        self.games: Games = task.part.make(self._policies, env)
-        if task.state is None:
-            self.observation = self.games.reset(task.games_seed)
-        self.number = task.number
-
-    def state(self) -> bytes:
-        file = io.BytesIO()
-        _Pickler(file, self._policies).dump((self.games.env, self.observation))
-        return file.getvalue()
-
-
-class _Pickler(pickle.Pickler):
-    """Pickles games without their policies, which each process creates itself."""
-
-    def __init__(self, file: io.BytesIO, policies: Sequence[Policy]) -> None:
-        super().__init__(file)
-        self._numbers = {id(policy): number for number, policy in enumerate(policies)}
-
-    def persistent_id(self, obj: Any) -> int | None:
-        return self._numbers.get(id(obj))
-
-
-class _Unpickler(pickle.Unpickler):
-    def __init__(self, state: bytes, policies: Sequence[Policy]) -> None:
-        super().__init__(io.BytesIO(state))
-        self._policies = policies
-
-    def persistent_load(self, pid: int) -> Policy:
-        return self._policies[pid]
-
-
-#: Games that this worker process keeps between tasks; games of another learner replace them.
-_KEPT: dict[tuple[int, int], _RunningPart] = {}
-_LOCK = threading.Lock()
-
-
-def _begin(task: Task) -> _RunningPart:
-    with _LOCK:
-        for key in [key for key in _KEPT if key[0] != task.key[0]]:
-            del _KEPT[key]
-        part = _KEPT.pop(task.key, None)
-    return part if part is not None and part.number == task.number else _RunningPart(task)
-
-
-def _end(task: Task, part: _RunningPart) -> bytes:
-    part.number = task.number + 1
-    with _LOCK:
-        _KEPT[task.key] = part
-    return part.state()
-
-
-def forget() -> None:
-    """Close the games that this process keeps."""
-    with _LOCK:
-        _KEPT.clear()
 
 
 @functools.cache

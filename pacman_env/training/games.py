@@ -1,6 +1,6 @@
 """Games of a training, in parts; the games of a part have one line-up and their own houses.
 
-A part is plain data from which any process creates its games.
+A part is plain data from which its games are created.
 """
 
 from __future__ import annotations
@@ -138,7 +138,7 @@ class Games(ABC):
     A round at its time limit counts as terminated, not truncated, so that hiding until then does not pay.
     """
 
-    env: Any  # its pickle continues bit for bit
+    env: Any
     num_envs: int
 
     @abstractmethod
@@ -157,12 +157,8 @@ class Part(ABC):
     scale: float  # factor of rewards
 
     @abstractmethod
-    def policies(self) -> list[Policy]:
-        """Return the policies of ghosts; they keep no state between decisions."""
-
-    @abstractmethod
-    def make(self, policies: Sequence[Policy], env: Any = None) -> Games:
-        """Create the games, or continue those in ``env``."""
+    def make(self) -> Games:
+        """Create the games, with their own copies of the policies."""
 
 
 @dataclass(frozen=True)
@@ -175,14 +171,9 @@ class PlannerPart(Part):
     learned: Policy  # moves ghosts called ``learned``
     arguments: Mapping[str, Any]  # arguments of the environment
 
-    def policies(self) -> list[Policy]:
-        return [copy.deepcopy(self.learned) for name in behaviours(self.lineup) if name == LEARNED]
-
-    def make(self, policies: Sequence[Policy], env: PacManBotVecEnv | None = None) -> PlannerGames:
-        if env is None:
-            left = iter(policies)
-            ghosts = [next(left) if name == LEARNED else name for name in behaviours(self.lineup)]
-            env = PacManBotVecEnv(self.games, ghosts=ghosts, **self.arguments)
+    def make(self) -> PlannerGames:
+        ghosts = [copy.deepcopy(self.learned) if name == LEARNED else name for name in behaviours(self.lineup)]
+        env = PacManBotVecEnv(self.games, ghosts=ghosts, **self.arguments)
         return PlannerGames(env, self.scale, partial(make_teacher, self.lineup, self.teacher_nodes))
 
 
@@ -280,12 +271,8 @@ class GhostPart(Part):
     robot: Policy
     arguments: Mapping[str, Any]  # arguments of the environment
 
-    def policies(self) -> list[Policy]:
-        return []
-
-    def make(self, policies: Sequence[Policy], env: PacManBotParallelVecEnv | None = None) -> GhostGames:
-        if env is None:
-            env = PacManBotParallelVecEnv(self.games, **self.arguments)
+    def make(self) -> GhostGames:
+        env = PacManBotParallelVecEnv(self.games, **self.arguments)
         return GhostGames(env, copy.deepcopy(self.robot), self.scale)
 
 

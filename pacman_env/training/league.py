@@ -5,7 +5,6 @@ replace it. A member is drawn more often if the planner loses more rounds to it 
 Vinyals et al., "Grandmaster level in StarCraft II", 2019, with f(x) = 1 - x).
 """
 
-import contextlib
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
@@ -70,8 +69,8 @@ class League:
         torch.manual_seed(seeds[0])
         bar = tqdm(disable=True)
         parts = make_ghost_parts(arguments, segment, planner)
-        with contextlib.closing(Collector(parts, executor)) as games:
-            learner.learn(games, arguments.hyper.decisions, seeds[1], bar)
+        games = Collector(parts, executor)
+        learner.learn(games, arguments.hyper.decisions, seeds[1], bar)
         export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
 
     def pool(self, segment: int, record: Record) -> Opponents:

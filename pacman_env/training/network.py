@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import torch
-from numpy.typing import NDArray
 from torch import nn
 from torch.nn import functional
 
@@ -94,12 +93,6 @@ class EntityNetwork(nn.Module):
         self.register_buffer("shown", shown)
         self.dropped_kinds = tuple(dropped_kinds)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the weights as arrays for the CPU: pickled tensors use memory that other machines cannot share."""
-        weights = {name: tensor.cpu().numpy() for name, tensor in self.state_dict().items()}
-        sizes = self.candidate_features, self.encode_candidate.in_features - self.candidate_features, self.width
-        return _with_weights, (type(self), sizes, self.dropped_kinds, weights)
-
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
@@ -140,15 +133,3 @@ class EntityNetwork(nn.Module):
         """Split a layer over [own numbers, context] in two, to compute the context's part once per situation."""
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
         return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)
-
-
-def _with_weights(
-    kind: type[EntityNetwork],
-    sizes: tuple[int, int, int],
-    dropped_kinds: tuple[int, ...],
-    weights: dict[str, NDArray[Any]],
-) -> EntityNetwork:
-    with torch.random.fork_rng(devices=[]):  # the random initial weights are overwritten
-        network = kind(*sizes, dropped_kinds=dropped_kinds)
-    network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
-    return network

@@ -89,10 +89,18 @@ class PPO:
         fragments = games.play(self.network, hyper.n_steps, on_fragment=lambda part: bar.update(len(part.slots)))
         rows: list[tuple[torch.Tensor, ...]] = []
         for part in fragments:
-            values = tensor(part.values)
-            gae = advantages(tensor(part.rewards), values, tensor(part.dones).float(), hyper.gamma, hyper.gae_lambda)
+            values = torch.from_numpy(part.values)
+            gae = advantages(
+                torch.from_numpy(part.rewards),
+                values,
+                torch.from_numpy(part.dones).float(),
+                hyper.gamma,
+                hyper.gae_lambda,
+            )
             flat = (values[:-1], gae, gae + values[:-1])
-            rows.append((tensor(part.slots), tensor(part.log_probs), *(array.flatten() for array in flat)))
+            rows.append(
+                (torch.from_numpy(part.slots), torch.from_numpy(part.log_probs), *(array.flatten() for array in flat))
+            )
         whole = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
         situations = joined(_situations(part, self.device) for part in fragments)
         return Rollout(situations, *whole), [ending for part in fragments for ending in part.endings]
@@ -213,16 +221,13 @@ def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, se
 
 def _labels(model: PPO, fragment: Fragment) -> _Labels:
     returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
-    return _Labels(*(tensor(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid)))
+    return _Labels(
+        *(torch.from_numpy(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid))
+    )
 
 
 def _situations(fragment: Fragment, device: str) -> PackedSituations:
-    return PackedSituations(*(tensor(array).to(device) for array in fragment.situations))
-
-
-def tensor(array: NDArray[Any]) -> torch.Tensor:
-    """Return a tensor on the same memory; a read-only array from another process is copied, as torch needs to write."""
-    return torch.from_numpy(np.require(array, requirements="W"))
+    return PackedSituations(*(torch.from_numpy(array).to(device) for array in fragment.situations))
 
 
 def _fit(

@@ -14,19 +14,17 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
 from stable_baselines3.common.logger import configure
 from tqdm import tqdm
 
-from pacman_env.command_line.command import Parser
+from pacman_env.command_line.command import Parser, guarded
 from pacman_env.command_line.options import add_options, parse_options
-from pacman_env.engine.cores import cores
 from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.executors.base import Executor, InThreads
-from pacman_env.executors.choice import add_executor_arguments, run_training
+from pacman_env.executors.base import Executor
 from pacman_env.policies.base import Policy
 from pacman_env.training import checkpoint
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
@@ -38,7 +36,9 @@ from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import teacher_name
 from pacman_env.training.ppo import PPO, imitate
 from pacman_env.training.run import Run
+from pacman_env.training.threads import InThreads
 
+T = TypeVar("T")
 AfterSegment = Callable[[dict[str, Any]], None]
 _RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
@@ -46,6 +46,19 @@ _PROG = "pacman-env train"
 
 def main(argv: Sequence[str] | None = None) -> int:
     return run_training(_PROG, argv, parse, run)
+
+
+def run_training(
+    prog: str, argv: Sequence[str] | None, parse: Callable[[Sequence[str]], T], work: Callable[[T, Executor], None]
+) -> int:
+    """Run a training command, whose parsed arguments have ``threads`` (0: one per core), and return its status."""
+
+    def begin() -> None:
+        arguments: Any = parse(sys.argv[1:] if argv is None else argv)
+        with InThreads(arguments.threads) as executor:
+            work(arguments, executor)
+
+    return guarded(prog, begin, "train")
 
 
 def parse(argv: Sequence[str]) -> Arguments:
@@ -66,7 +79,6 @@ def _sections() -> argparse.ArgumentParser:
     parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
     file = FOLDER / "PacManBot-v1.yaml"
     parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
-    add_executor_arguments(parser)
     return parser
 
 
@@ -102,7 +114,7 @@ def train(
     ``executor`` plays the games; None: threads of this process.
     """
     if executor is None:
-        with InThreads(arguments.threads or cores()) as threads:
+        with InThreads(arguments.threads) as threads:
             return train(arguments, after_segment, threads)
     device = use_device(arguments.device)
     folder = Run(arguments)
@@ -132,19 +144,19 @@ def _segment(folder: Run, segment: int, model: PPO, validation: HeldOut, executo
     pool = folder.league.pool(segment, folder.against_league())
     repeats = folder.segments[-1]["again"] if folder.segments else {}
     parts = make_parts(arguments, segment, pool, repeats)
-    with contextlib.closing(Collector(parts, executor)) as games:
-        torch.manual_seed(seeds[0])
-        imitation = {}
-        if segment == 0 and hyper.imitation > 0:
-            imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
-            imitation["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
-            rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
-            bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
-        model.decisions = segment * hyper.segment
-        learning = time.perf_counter()
-        model.learn(games, hyper.segment, seeds[1], bar)
-        ended = time.perf_counter()
-        repeats = games.counts.best()
+    games = Collector(parts, executor)
+    torch.manual_seed(seeds[0])
+    imitation = {}
+    if segment == 0 and hyper.imitation > 0:
+        imitation = imitate(model, games, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
+        imitation["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
+        rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
+        bar.write(f"{rules} imitated: {imitation['imitated']:.1%} of validation rounds completed")
+    model.decisions = segment * hyper.segment
+    learning = time.perf_counter()
+    model.learn(games, hyper.segment, seeds[1], bar)
+    ended = time.perf_counter()
+    repeats = games.counts.best()
     completed = validation.completed(planner_of(arguments, model), pool)
     share, each = validation.shares(completed)
     of_league = validation.learned()

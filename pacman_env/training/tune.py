@@ -21,11 +21,10 @@ from pacman_env.command_line.command import Parser
 from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, located
 from pacman_env.executors.base import Executor
-from pacman_env.executors.choice import add_executor_arguments, run_training
 from pacman_env.files import prepare, write_text
 from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.run import check_same
-from pacman_env.training.train import train
+from pacman_env.training.train import run_training, train
 
 #: Search space. Rates are initial values; they decrease in the same proportion as in the tuned section.
 SPACE: dict[str, BaseDistribution] = {
@@ -82,7 +81,6 @@ def _run(study: Study, executor: Executor) -> None:
 
 def make_parser() -> Parser:
     parser = Parser(prog="pacman-env tune", description=Study.__doc__)
-    add_executor_arguments(parser)
     add_options(parser, Study())
     return parser
 

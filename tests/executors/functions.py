@@ -41,16 +41,11 @@ def die_once(task: tuple[str, int]) -> int:
     return number
 
 
-def die_once_late(task: tuple[str, int]) -> int:
-    """The same, when the others have ended."""
-    if task[1] == 2:
-        time.sleep(1.0)
-    return die_once(task)
-
-
-def die_always(number: int) -> int:
-    os.kill(os.getpid(), signal.SIGKILL)
-    return number
+def die_or_double(number: int) -> int:
+    """The worker of the number 2 is killed at each call."""
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * number
 
 
 def note_and_wait(task: tuple[str, int]) -> int:
@@ -58,8 +53,3 @@ def note_and_wait(task: tuple[str, int]) -> int:
     (Path(folder) / str(number)).touch()
     time.sleep(0.2)
     return os.getpid()
-
-
-def slow_double(number: int) -> int:
-    time.sleep(0.5)
-    return 2 * number

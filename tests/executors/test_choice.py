@@ -5,7 +5,7 @@ import argparse
 import pytest
 
 from pacman_env.engine.cores import cores
-from pacman_env.executors.base import InProcess, InThreads
+from pacman_env.executors.base import InProcess
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.processes import LocalProcesses
 
@@ -34,5 +34,3 @@ def test_address_without_a_cluster_is_refused() -> None:
 def test_zero_workers_are_one_per_core() -> None:
     with executor_of(parsed("--workers", "0")) as executor:
         assert executor.workers == cores()
-    with executor_of(parsed(), threads=2) as executor:
-        assert isinstance(executor, InThreads)

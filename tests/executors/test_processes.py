@@ -1,6 +1,7 @@
 """Tasks in processes of this machine."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -35,7 +36,8 @@ def test_executor_leaves_no_process(tmp_path: Path) -> None:
     assert not any(map(psutil.pid_exists, numbers))
 
 
-def test_killed_parent_leaves_no_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_stopped_command_leaves_no_process(number: int, tmp_path: Path) -> None:
     program = (
         "from pacman_env.executors.processes import LocalProcesses\n"
         "from tests.executors import functions\n"
@@ -47,9 +49,17 @@ def test_killed_parent_leaves_no_process(tmp_path: Path) -> None:
     file = tmp_path / "program.py"
     file.write_text(program)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    with subprocess.Popen([sys.executable, file], stdout=subprocess.PIPE, text=True, env=environment) as parent:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(
+        [sys.executable, file], text=True, env=environment, start_new_session=True, **pipes
+    ) as parent:
         assert parent.stdout is not None
+        assert parent.stderr is not None
         numbers = {int(parent.stdout.readline()) for _ in range(8)}
         workers = [psutil.Process(number) for number in numbers]
-        parent.kill()
+        if number == signal.SIGINT:  # Ctrl-C reaches the command and its processes
+            os.killpg(parent.pid, number)
+            assert parent.stderr.read().rstrip().endswith("KeyboardInterrupt")
+        else:
+            parent.kill()
     assert psutil.wait_procs(workers, timeout=PATIENCE_S)[1] == []

@@ -39,7 +39,7 @@ def agreement(model: PPO) -> float:
     found = []
     for part in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
         assert isinstance(part, PlannerPart)
-        games = part.make([])
+        games = part.make()
         observation = games.reset(4)
         games.begin_teaching()
         for _ in range(60):
@@ -66,7 +66,7 @@ def test_labels_are_choices_of_the_lineup_teacher() -> None:
     differ = 0
     for part in make_parts(arguments, 0):
         assert isinstance(part, PlannerPart)
-        games, teacher, rule = part.make([]), teachers[part.lineup], make_policy("lookahead")
+        games, teacher, rule = part.make(), teachers[part.lineup], make_policy("lookahead")
         games.reset(0)
         games.begin_teaching()
         for one in (teacher, rule):
@@ -123,7 +123,7 @@ def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_labels_forbidden_by_ablation_teach_nothing(kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ppo, "_ENTROPY", 0.0)
-    games = make_parts(tiny(), 0)[0].make([])
+    games = make_parts(tiny(), 0)[0].make()
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)

@@ -16,13 +16,13 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
-from pacman_env.executors.base import InThreads
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.games import make_parts
 from pacman_env.training.ppo import PPO, Rollout, advantages
+from pacman_env.training.threads import InThreads
 from tests.training.stock import random_choices, stock_model
 from tests.training.test_arguments import tiny
 
@@ -90,7 +90,6 @@ def learned(threads: int, monkeypatch: pytest.MonkeyPatch, **sizes: Any) -> tupl
     monkeypatch.setattr(PPO, "update", lambda self, rollout: (kept.append(rollout), update(self, rollout)))
     env, model = games(threads), PPO(HYPER, 5, threads=threads, **sizes)
     model.learn(env, HYPER.rollout, 3, NO_BAR)
-    env.close()
     monkeypatch.undo()
     return model, kept[0]
 
@@ -121,7 +120,7 @@ def test_rollout_stores_choices_probabilities_and_values_of_network(monkeypatch:
 @pytest.fixture(scope="module")
 def met() -> Observation:
     """Observations of many games on their way."""
-    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0].make([])
+    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0].make()
     seen = [env.reset(0)]
     for _ in range(90):
         seen.append(env.step(random_choices(seen[-1]["action_mask"], rng)).observation)
@@ -155,7 +154,7 @@ def test_choice_without_generator_has_highest_logit(met: Observation) -> None:
 
 def test_choices_are_drawn_with_probabilities_of_network() -> None:
     model = PPO(HYPER, 0)
-    first = make_parts(tiny(**SMALL), 0)[0].make([]).reset(3)
+    first = make_parts(tiny(**SMALL), 0)[0].make().reset(3)
     observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in first.items()}
     model.network.judge.weight.data.mul_(100.0)
     choices, actions = choose(model.network, observation, torch.Generator().manual_seed(0))

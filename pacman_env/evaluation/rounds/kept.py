@@ -26,8 +26,7 @@ from pacman_env.engine.cache_folder import package_hash
 from pacman_env.episodes.rollout import EPISODE
 from pacman_env.evaluation.rounds.play import Matchup, Played, play_all
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, describe_scenario, is_checkpoint, load_policy
-from pacman_env.evaluation.rounds.shipping import hash_of_files
-from pacman_env.evaluation.rounds.user_code import hash_of_code
+from pacman_env.evaluation.rounds.user_code import hash_of_code, hash_of_files
 from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import executor_of
 from pacman_env.executors.progress import bar_of

@@ -1,10 +1,9 @@
 """Play the rounds of matchups on an executor; records do not depend on the executor."""
 
 import contextlib
-import functools
 import itertools
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from pacman_env.config import Config
 from pacman_env.episodes.rollout import EPISODE, play
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
-from pacman_env.executors.base import Done, Executor, InProcess
+from pacman_env.executors.base import Executor
 from pacman_env.sim.core import compile_ahead
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -36,12 +35,12 @@ class Matchup:
 Played = tuple[NDArray, NDArray[np.float64]]
 
 
-def play_matchup(matchup: Matchup, on_end: Callable[[int], object] | None = None) -> Played:
+def play_matchup(matchup: Matchup) -> Played:
     """Play all rounds of a matchup in this process."""
     compile_ahead.begin()
     source = scenarios.open_scenario(matchup.scenario, matchup.config)
     policy = scenarios.load_policy(matchup.policy) if scenarios.is_checkpoint(matchup.policy) else matchup.policy
-    return play(source, matchup.config, policy, matchup.seeds, on_end=on_end, num_threads=matchup.threads)
+    return play(source, matchup.config, policy, matchup.seeds, num_threads=matchup.threads)
 
 
 def play_all(
@@ -58,37 +57,16 @@ def play_all(
     pieces = _pieces(matchups, executor.workers)
     records = [np.empty(len(matchup.seeds), dtype=EPISODE) for matchup in matchups]
     times: list[dict[int, NDArray[np.float64]]] = [{} for _ in matchups]
-    with contextlib.closing(_ends(matchups, pieces, executor, on_end)) as ends:
+    tasks = [replace(matchups[number], seeds=matchups[number].seeds[rounds]) for number, rounds in pieces]
+    with contextlib.closing(executor.run(play_matchup, tasks)) as ends:
         for done in ends:
             number, rounds = pieces[done.number]
             some_records, some_times = played = done.result()
             records[number][rounds], times[number][done.number] = some_records, some_times
+            on_end(len(rounds))
             on_piece(number, played)
-            if not isinstance(executor, InProcess):
-                on_end(len(rounds))
     in_order = [np.concatenate([some[piece] for piece in sorted(some)]) for some in times]
     return list(zip(records, in_order, strict=True))
-
-
-def _ends(
-    matchups: Sequence[Matchup],
-    pieces: Sequence[tuple[int, NDArray[np.int64]]],
-    executor: Executor,
-    on_end: Callable[[int], object],
-) -> Generator[Done[Played], None, None]:
-    tasks = [replace(matchups[number], seeds=matchups[number].seeds[rounds]) for number, rounds in pieces]
-    if isinstance(executor, InProcess):  # an in-process executor reports every round
-        return executor.run(functools.partial(play_matchup, on_end=on_end), tasks)
-    if not executor.remote:
-        return executor.run(play_matchup, tasks)
-    from pacman_env.evaluation.rounds.shipping import pack, play_packed
-
-    whole = list(map(pack, matchups))  # read files once for all pieces of a matchup
-    parts = [
-        replace(whole[number], matchup=replace(whole[number].matchup, seeds=task.seeds))
-        for (number, _), task in zip(pieces, tasks, strict=True)
-    ]
-    return executor.run(play_packed, parts)
 
 
 def _pieces(matchups: Sequence[Matchup], workers: int) -> list[tuple[int, NDArray[np.int64]]]:

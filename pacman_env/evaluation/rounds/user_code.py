@@ -17,12 +17,24 @@ from importlib import metadata
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+#: The suffix of the metadata file of each kind of policy file.
+_METADATA = {".onnx": ".json", ".zip": ".facts.json"}
 _SKIPPED = sys.stdlib_module_names | {__package__.partition(".")[0]}
 _MOST_MODULES = 200  # 1 to 2 s
 _MOST_FOLDERS = 100
 _LARGE = 256 << 20  # bytes; a larger file counts by size and time of change
 _REFERENCE = re.compile(r"([^\W\d]\w*(?:\.\w+)*):\w+")  # another policy, as in make_policy("module:Class")
 _ENDING = re.compile(r"\.\w+")  # names all files with it, as in with_suffix(".npz") and f"model_{number}.pt"
+
+
+def hash_of_files(path: Path) -> str:
+    """Return the hash of a policy file and its metadata file."""
+    about = path.with_suffix(_METADATA[path.suffix.lower()])
+    digest = hashlib.sha256()
+    for one in [path, about] if about.is_file() else [path]:
+        content = one.read_bytes()
+        digest.update(f"{one.suffix} {len(content)} ".encode() + content)
+    return digest.hexdigest()[:24]
 
 
 def hash_of_code(*modules: str | None) -> str | None:

@@ -22,4 +22,4 @@ def test_rounds_are_same_in_seed_order_with_any_workers(workers: int) -> None:
             for (records, _), wanted in zip(found, expected, strict=True):
                 np.testing.assert_array_equal(records, wanted)
             assert sum(ended) == 2 * 12 + 2 * 8
-            assert len(ended) > 4  # pieces of each matchup, or nothing was shared out
+            assert len(ended) >= workers * len(matchups)  # every matchup is divided

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.evaluation.rounds.user_code import hash_of_code
+from pacman_env.evaluation.rounds.user_code import hash_of_code, hash_of_files
 
 PROJECT = {
     "box/__init__.py": "",
@@ -92,3 +92,12 @@ def test_limit_of_modules_is_reported(project: Path, capsys: pytest.CaptureFixtu
 
 def test_own_modules_of_package_have_no_hash() -> None:
     assert hash_of_code("pacman_env.heuristics.simple", "json", None) is None
+
+
+def test_hash_of_files_depends_on_content_only(tmp_path: Path) -> None:
+    hashes = []
+    for suffix in (".zip", ".facts.json"):
+        for name in ("run", "same"):
+            (tmp_path / f"{name}{suffix}").write_text(suffix)
+        hashes += [hash_of_files(tmp_path / f"{name}.zip") for name in ("run", "same")]
+    assert hashes[0] == hashes[1] != hashes[2] == hashes[3]
