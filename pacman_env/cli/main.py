@@ -23,21 +23,21 @@ MODULES = {
     "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
     "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
     "dataset": ("evaluation.dataset.__main__", "record rounds of a policy for offline learning (Minari, Parquet)"),
-    "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
     "benchmark": ("evaluation.benchmark", "measure the speed of the environments"),
     "validation": ("evaluation.checks.validation", "compare the simulator with the ten real trials"),
     "houses": ("evaluation.checks.generated_levels", "check independently that generated houses can be played"),
     "train": ("training.train", "train a planner"),
-    "tune": ("training.tune", "search for hyperparameters"),
-    "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
     "learning-curves": ("training.learning_curves", "measure how fast standard learners learn"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
+    "adversary": "run docs/examples/adversary.py in a checkout (docs/adversary.md)",
+    "bound": "run docs/examples/bound/bound.py in a checkout (docs/bound.md)",
     "completion": "pacman-env COMMAND --help lists the options of a command",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
+    "tune": "run docs/examples/tune.py in a checkout (docs/training.md)",
 }
 
 

@@ -51,7 +51,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("dataset pacman-env/levels-v0 --map generated --set num_levels=200 --format parquet", "use generated houses"),
         ("dataset pacman-env/my-robot-v0 --bags games/first --map home.yaml", "convert the rounds that a robot played"),
     ),
-    "bound": (("bound --map house --starts 30 --width 32", "bound one map against the default ghosts"),),
     "replay": (
         (
             "replay 16452687389592421897 --map house --policies clyde_aware lookahead",
@@ -65,8 +64,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("train --quick", "check in one to two minutes that training works"),
         ("train --seed 0 --out results/ppo", "run the whole training; add --resume to continue it"),
     ),
-    "tune": (("tune --trials 30 --out results/tune", "run 30 short trainings; print the best file at the end"),),
-    "adversary": (("adversary --quick", "check in about two minutes that it works"),),
     "learning-curves": (("learning-curves --combinations planner/event --seeds 0 1 2", "train with three seeds"),),
     "export": (("export results/ppo/last.zip --out mine.onnx", "export the last checkpoint of a training"),),
     "ros up": (
