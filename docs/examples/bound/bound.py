@@ -19,7 +19,7 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.game.ghosts import find_behaviour
 from pacman_env.heuristics.search.beam import NODE, new_memory, search
 from pacman_env.heuristics.search.search import SearchParameters
-from pacman_env.sim.coarse.model import NOWHERE, Behaviours, Lags, play
+from pacman_env.sim.coarse.model import MOST_PELLETS, NOWHERE, Behaviours, Lags, play
 from pacman_env.sim.coarse.start import start
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
@@ -128,6 +128,8 @@ def main() -> None:
     options = parser.parse_args()
     ghosts = {"localization.perfect": True, "clyde.ghosts": ("chase",) * options.ghosts}
     assets = map_assets(load_map(options.map), make_config(**ghosts))
+    if assets.pellets > MOST_PELLETS:
+        parser.error(f"--map {options.map}: {assets.pellets} pellets, must be at most {MOST_PELLETS}")
     seeds = episode_seeds(options.seed, options.starts)
     graph = build_graph(assets)
     print(f"{options.map}: {assets.pellets} pellets, {len(seeds)} starts, blocks of {graph.edge_m:.2f} m")
