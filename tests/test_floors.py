@@ -7,9 +7,12 @@ import functools
 import subprocess
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
+
+from pacman_env.ros.game_nodes import NODES, module_of
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
@@ -20,9 +23,10 @@ FLOORS = (
     ("policies",),
     ("heuristics",),
     ("envs", "render", "episodes", "sb3"),
-    ("cli", "web", "ros"),
+    ("web", "ros"),
     ("executors",),
     ("training", "evaluation"),
+    ("cli",),
 )
 #: Folders beside the package; nothing in it imports them.
 TOP = ("train", "eval", "benchmarks", "tools", "tests")
@@ -30,6 +34,17 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SAME_FLOOR_BUT_UNRELATED = {
     *(("world", "game"), ("game", "world"), ("training", "evaluation"), ("evaluation", "training")),
 }
+#: Pairs of folders that import each other. Remove a pair when it is resolved; add none.
+KNOWN_CIRCLES = {
+    ("sim.core", "sim.observation"),
+    ("sim.core", "sim.maps"),
+    ("sim.coarse", "sim.maps"),
+    ("sim.coarse", "sim.observation"),
+}
+#: Imports by name against the order: checkpoints as policies of a comparison.
+KNOWN_ARROWS = {("evaluation.rounds.scenarios", "training.checkpoint")}
+#: Programs that write the pages of the command.
+USERS_OF_CLI = {"tools/commands.py", "tools/reference.py"}
 #: Packages of ROS beside rclpy.
 MESSAGES = (
     *("action_msgs", "builtin_interfaces", "geometry_msgs", "irobot_create_msgs", "nav2_msgs", "nav_msgs"),
@@ -58,9 +73,12 @@ MODULES = sorted(path for path in PACKAGE.rglob("*.py"))
 
 
 def module_name(path: Path) -> str:
-    """Below the package: ``world.grid`` for ``pacman_env/world/navigation/grid.py``."""
+    """Below the package: ``world.navigation.grid`` for ``pacman_env/world/navigation/grid.py``."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+NAMES = {module_name(path) for path in MODULES}
 
 
 def executed(node: ast.AST) -> Iterator[ast.AST]:
@@ -94,6 +112,38 @@ def imports_of(path: Path) -> set[str]:
     return imports(path.read_text(), module_name(path), path.name == "__init__.py")
 
 
+@functools.cache
+def used_modules(path: Path) -> set[str]:
+    """Modules of the package that a module imports, by a statement or by ``import_module``, below the package."""
+    found = {name.removeprefix("pacman_env.") for name in imports_of(path) if name.startswith("pacman_env.")}
+    if "import_module(" in path.read_text():
+        texts = [node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)]
+        found |= {text.removeprefix("pacman_env.") for text in texts if isinstance(text, str)} & NAMES
+        if module_name(path) == "ros.node_classes":
+            found |= {module_of(node).removeprefix("pacman_env.") for node in NODES}
+    return {resolved(name) for name in found} - {"", module_name(path)}
+
+
+def resolved(name: str) -> str:
+    """The module of an imported name, which may be a function of it."""
+    while name and name not in NAMES:
+        name = name.rpartition(".")[0]
+    return name
+
+
+def place(name: str) -> str:
+    """The folder of the second level that contains a module, or the module if it lies directly in its room."""
+    folder = ".".join(name.split(".")[:2])
+    return folder if (PACKAGE / folder.replace(".", "/")).is_dir() else name
+
+
+@functools.cache
+def arrows() -> set[tuple[str, str]]:
+    """Pairs of places of which the first imports the second."""
+    found = {(module_name(path), used) for path in MODULES for used in used_modules(path) if module_name(path)}
+    return {(place(one), place(other)) for one, other in found if place(one) != place(other)}
+
+
 def room(name: str) -> str:
     return name.split(".")[0]
 
@@ -104,15 +154,32 @@ def test_module_imports_only_same_or_lower_floors(path: Path) -> None:
     if not name:
         return  # the package's own __init__ is tested below
     here = room(name)
-    for imported in imports_of(path):
-        outside, _, inner = imported.partition(".")
-        if outside in TOP:
-            pytest.fail(f"{name} imports {imported}, which is not part of the package")
-        if outside != "pacman_env" or not inner or inner.startswith("__"):
-            continue
-        there = room(inner)
-        assert FLOOR[there] <= FLOOR[here], f"{name} imports {imported} from a higher floor"
-        assert (here, there) not in SAME_FLOOR_BUT_UNRELATED, f"{name} imports {imported}"
+    assert {room(imported) for imported in imports_of(path)}.isdisjoint(TOP)
+    for used in used_modules(path):
+        there = room(used)
+        assert FLOOR[there] <= FLOOR[here], f"{name} imports {used} from a higher floor"
+        forbidden = (here, there) in SAME_FLOOR_BUT_UNRELATED
+        assert forbidden == ((name, used) in KNOWN_ARROWS), f"{name} imports {used}"
+
+
+def test_folders_inside_rooms_import_in_one_direction() -> None:
+    circles = {(one, other) for one, other in arrows() if one < other and (other, one) in arrows()}
+    assert circles == KNOWN_CIRCLES
+    assert {(module_name(path), used) for path in MODULES for used in used_modules(path)} >= KNOWN_ARROWS
+    ordered = TopologicalSorter[str]()
+    for one, other in arrows():
+        if tuple(sorted((one, other))) not in KNOWN_CIRCLES:
+            ordered.add(one, other)
+    ordered.prepare()  # raises CycleError, which names the circle
+
+
+def test_only_cli_itself_imports_cli() -> None:
+    assert {one for one, other in arrows() if room(other) == "cli"} <= {place(n) for n in NAMES if room(n) == "cli"}
+    programs = [path for folder in (*TOP, "docs") if folder != "tests" for path in (ROOT / folder).rglob("*.py")]
+    imported = {path.relative_to(ROOT).as_posix(): imports(path.read_text(), "", False) for path in programs}
+    assert {
+        path for path, names in imported.items() if any(n.startswith("pacman_env.cli") for n in names)
+    } == USERS_OF_CLI
 
 
 @pytest.mark.parametrize("package", ONLY_IN)
@@ -130,14 +197,14 @@ def test_package_imports_only_its_version_and_registration() -> None:
 
 
 def test_modules_are_imported_by_name_only_where_listed() -> None:
-    """What the tests above cannot see."""
+    """The tests above see constants of these modules, not names that others give."""
     users = {module_name(path) for path in MODULES if "import_module(" in path.read_text()}
     assert users == {
         "",  # the modules of public names
         "cli.main",  # commands
         "evaluation.rounds.scenarios",  # a checkpoint of training
         "plugins",
-        "ros.node",  # the nodes of the table of processes
+        "ros.node_classes",  # the nodes of the table of processes
         "ros.topics",  # message types
         "sim.maps.levels_ahead",  # filelock
     }

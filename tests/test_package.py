@@ -173,7 +173,6 @@ def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_pat
 @pytest.mark.daily
 def test_installed_command_compares_checkpoint_of_checkout(site: Path, tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    pytest.importorskip("optuna")
     tiny = ["--decisions", "64", "--segment", "64", "--games", "2", "--n-steps", "32", "--batch-size", "32"]
     tiny += ["--ghosts", "wander"]
     tiny += ["--imitation", "0", "--levels", "2", "--evaluation", "0", "--threads", "1", "--no-progress"]

@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from pacman_env.command_line.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.game_nodes import NODES
-from pacman_env.ros.node import node_class
+from pacman_env.ros.node_classes import node_class
 from pacman_env.ros.supervisor.checks import CHECKS
 from pacman_env.ros.topics import LATCHED, RECEIVED_LATCHED
 from tools.common import ROOT, add_check, table, update

@@ -25,29 +25,29 @@ MODULES = {
     "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
     "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
     "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
-    "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
     "train": ("training.train", "train a planner"),
-    "tune": ("training.tune", "search for hyperparameters"),
-    "adversary": ("training.adversary", "train a planner and a Clyde against each other"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
 #: Groups of commands in the help.
 HELP = {
     "look and play": ("web", "map", "replay"),
-    "measure": ("compare", "report", "leaderboard", "bound", "dataset"),
-    "train": ("train", "tune", "adversary", "export"),
+    "measure": ("compare", "report", "leaderboard", "dataset"),
+    "train": ("train", "export"),
     "robot": ("ros",),
     "setup": ("warm-up",),
 }
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
+    "adversary": "run docs/examples/adversary.py in a checkout (docs/adversary.md)",
     "benchmark": "run python -m benchmarks.versions in a checkout (docs/performance.md)",
+    "bound": "run docs/examples/bound/bound.py in a checkout (docs/bound.md)",
     "completion": "pacman-env COMMAND --help lists the options of a command",
     "houses": "run python -m tools.houses in a checkout",
     "learning-curves": "run python -m tools.learning_curves in a checkout (docs/learning_curves.md)",
     "play": "pacman-env web --open plays a game in the browser (docs/web.md)",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
+    "tune": "run docs/examples/tune.py in a checkout (docs/training.md)",
     "validation": "run python -m tools.validation in a checkout (docs/validation.md)",
 }
 

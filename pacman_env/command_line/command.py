@@ -23,7 +23,7 @@ EXTRAS = "docs/machines.md"  # lists the extras
 #: Extra that provides a module, if it may differ from the command's extra.
 EXTRA_OF = {
     **dict.fromkeys(("rclpy", "rosbags", "mcap"), "ros"),
-    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "onnx", "optuna"), "train"),
+    **dict.fromkeys(("torch", "stable_baselines3", "sb3_contrib", "onnx"), "train"),
     **dict.fromkeys(("minari", "h5py", "jax"), "dataset"),
     **dict.fromkeys(("starlette", "uvicorn", "websockets", "segno"), "web"),
     "ray": "ray",

@@ -45,7 +45,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "record 100 rounds"),
         ("dataset pacman-env/levels-v0 --map generated --set num_levels=200", "use generated houses"),
     ),
-    "bound": (("bound --map house --starts 30 --width 32", "bound one map against the default ghosts"),),
     "replay": (
         (
             "replay 16452687389592421897 --map house --policies clyde_aware lookahead",
@@ -56,8 +55,6 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("train --quick", "check in one to two minutes that training works"),
         ("train --seed 0 --out results/ppo", "run the whole training; add --resume to continue it"),
     ),
-    "tune": (("tune --trials 30 --out results/tune", "run 30 short trainings; print the best file at the end"),),
-    "adversary": (("adversary --quick", "check in about two minutes that it works"),),
     "export": (("export results/ppo/last.zip --out mine.onnx", "export the last checkpoint of a training"),),
     "ros up": (
         ("ros up --map house --sim --speed 4 --start", "play a whole game without a robot"),

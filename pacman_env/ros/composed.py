@@ -13,7 +13,8 @@ from rclpy.utilities import remove_ros_args
 
 from .discovery import stay_on_this_machine
 from .game_nodes import COMPOSED, GAME, QUIET, from_json
-from .node import BAD_START, BaseNode, node_class, run_together
+from .node import BAD_START, BaseNode, run_together
+from .node_classes import node_class
 from .surroundings import Surroundings, within
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 import gc
-import importlib
 import json
 import math
 import signal
@@ -33,7 +32,7 @@ from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_con
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
-from .game_nodes import QUIET, module_of
+from .game_nodes import QUIET
 from .heartbeat import HEART, LONG_S
 from .messages import LONGEST_JSON, BadMessage, started
 from .rclpy_private import accept_integers
@@ -261,13 +260,6 @@ def parameter(
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"parameter {name} = {value}: must be finite")  # without a range any float is accepted
     return value
-
-
-def node_class(name: str) -> type[BaseNode]:
-    """Return the class of one of the game's nodes by the node's name."""
-    module = importlib.import_module(module_of(name))
-    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
-    return next(kind for kind in kinds if kind.__module__ == module.__name__)
 
 
 class StopSignals:

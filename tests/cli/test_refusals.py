@@ -103,20 +103,6 @@ COMMANDS = [
     ("replay 18446744073709551616", "must be at most"),
     ("replay 1 --out film.avi", "must end in one of .mp4, .gif, .html"),
     ("replay 1 --map house --levels test", "must not be combined with --map"),
-    ("bound --ghosts hunt", "hunt"),
-    ("bound --ghosts policy", "--ghosts policy"),
-    ("bound --speeds 9", "clyde.speed_mps"),
-    ("bound --set clyde.speed_mps=1", "--speeds"),
-    ("bound --set randomize.clyde_speed_mps=0.01,0.02", "randomize.clyde_speed_mps = (0.01, 0.02): must be None"),
-    ("bound --set randomize.speed_mps=0.1,0.2", "randomize.speed_mps = (0.1, 0.2): must be None"),
-    ("bound --set randomize.pickup_radius_m=0.1,2", "randomize.pickup_radius_m = (0.1, 2.0): must be None"),
-    ("bound --set localization.perfect=false", "localization.perfect = False: must be True"),
-    ("bound --set action=velocity", "action = 'velocity': must be goal"),
-    ("bound --set power.pellets=1", "power.pellets"),
-    ("bound --set endless=true", "endless = True: must be False"),
-    ("bound --map generated", "--map generated"),
-    ("bound --map no/such.yaml", "no/such.yaml"),
-    ("bound --starts 0", "--starts"),
     *(
         (f"dataset {name} --episodes 1", name)  # which Minari rejects
         for name in ("nothing", "../out-v0", "/out-v0", "a/b", "x/a-v0", "_/a-v0", "xx/a-v00", "xx/a-v\u0660")

@@ -27,7 +27,6 @@ def need_extra(command: str) -> None:
         pytest.importorskip("psutil")
         if MODULES[command][0].startswith("training"):
             pytest.importorskip("torch")
-            pytest.importorskip("optuna")
 
 
 def test_command_without_arguments_suggests_first_steps(capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,7 +21,8 @@ from pacman_env.ros.game_nodes import REFEREE, SELECTOR, GameSetup
 from pacman_env.ros.lock_step.game import LockStepGame
 from pacman_env.ros.lock_step.members import Delivery, Member
 from pacman_env.ros.lock_step.stepper import LockStep
-from pacman_env.ros.node import BaseNode, node_class
+from pacman_env.ros.node import BaseNode
+from pacman_env.ros.node_classes import node_class
 from tests.ros.lock_step.losses import depth_of
 from tests.ros.records import Records
 

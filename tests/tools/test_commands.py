@@ -13,6 +13,5 @@ ROOT = Path(__file__).resolve().parents[2]
 def test_committed_page_equals_current_command_help() -> None:
     """In a process of its own: another test may have registered policies, which helps name."""
     pytest.importorskip("torch")
-    pytest.importorskip("optuna")
     done = subprocess.run([sys.executable, "-m", "tools.commands", "--check"], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -1,6 +1,7 @@
 """What is exported computes what torch computes, is small and whole, and says what it is."""
 
 import hashlib
+import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,9 +17,9 @@ import onnx
 import torch
 
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import read_planner
+from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.training.export import OPSET, export_planner, model_bytes
+from pacman_env.training.export import OPSET, export_planner, model_bytes, network_of
 from pacman_env.training.network import FORBIDDEN, EntityNetwork
 from tests.training.planners import FACTS, plain, random_network, random_planner
 
@@ -125,3 +126,24 @@ def test_export_refuses_to_write_through_symlink(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"link.onnx: is a link to real.onnx: name that"):
         export_planner(random_network(), tmp_path / "link.onnx", FACTS)
     assert [file.name for file in tmp_path.iterdir()] == ["link.onnx"]
+
+
+@pytest.mark.parametrize("sizes", [{}, {"width": 24, "dropped_features": (4, 7), "dropped_kinds": (1,)}])
+def test_network_is_restored_from_its_file(sizes: dict[str, int], tmp_path: Path) -> None:
+    network = random_network(4, **sizes)
+    path = random_planner(tmp_path, seed=4, **sizes)
+    found = network_of(path)
+    assert model_bytes(found) == path.read_bytes() == model_bytes(network)
+    assert found.dropped_kinds == network.dropped_kinds
+
+
+def test_graph_of_another_exporter_is_refused(tmp_path: Path) -> None:
+    path = random_planner(tmp_path)
+    model = onnx.load_model(path)
+    swapped = [node for node in model.graph.node if node.op_type == "Relu"]
+    swapped[-1].op_type = "Tanh"
+    path.write_bytes(model.SerializeToString())
+    metadata = json.loads(metadata_path(path).read_text()) | {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    metadata_path(path).write_text(json.dumps(metadata))
+    with pytest.raises(ValueError, match=r"mine\.onnx: no graph that pacman-env export writes"):
+        network_of(path)

@@ -15,7 +15,6 @@ from pacman_env.executors.base import InProcess
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.adversary import CompletionTable, make_pool
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
@@ -55,7 +54,7 @@ def test_opponent_without_share_never_plays(shares: list[float]) -> None:
 
 
 def test_opponents_play_in_proportion_to_their_shares() -> None:
-    pool = make_pool([BehaviourOpponent("wander")] * 2, wander=0.4)
+    pool = Opponents([BehaviourOpponent("wander")] * 5, [0.4, 0.15, 0.15, 0.15, 0.15])
     counts = np.bincount(pool.drawn(SEEDS), minlength=5) / len(SEEDS)
     np.testing.assert_allclose(counts, [0.4, 0.15, 0.15, 0.15, 0.15], atol=0.015)
 
@@ -103,18 +102,3 @@ def test_rounds_do_not_depend_on_number_of_rounds() -> None:
     few = HeldOut(ARGUMENTS, 6, InProcess(), ghosts=(LEARNED,)).completed("nearest", BehaviourOpponent("wander"))
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12
-
-
-def test_completion_table_plays_each_requested_pair_once() -> None:
-    table = CompletionTable(ARGUMENTS, 4, InProcess())
-    table.play("nearest", ["wander"])
-    first = table.completed["nearest"]["wander"]
-    table.play("nearest", ["wander"])
-    table.play("random_pellet", ["chase"])
-    assert table.completed["nearest"]["wander"] is first
-    assert table.shares()["nearest"] == {"wander": first.mean()}
-    lines = table.render().splitlines()
-    assert lines[0] == "| completed of 4 | wander | chase |"
-    assert lines[2].startswith(f"| nearest | {first.mean():.1%} [")
-    assert lines[2].endswith("|  |")
-    assert lines[3].startswith("| random_pellet |  |")

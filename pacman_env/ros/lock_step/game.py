@@ -6,7 +6,8 @@ from typing import Any
 
 from .. import game_nodes
 from ..game_nodes import SELECTOR, SIMULATOR, WAIT, GameSetup
-from ..node import BAD_START, BaseNode, node_class
+from ..node import BAD_START, BaseNode
+from ..node_classes import node_class
 from ..nodes.wait_for_amcl_pose import FOUND
 from ..topics import Service
 from .deliveries import NodeFailed

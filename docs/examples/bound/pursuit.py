@@ -16,11 +16,10 @@ knows the block that the robot is about to enter, and the robot cannot slip past
 from typing import Any, NamedTuple
 
 import numpy as np
+from blocks import SQUARES, Graph
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
-
-from .graph import SQUARES, Graph
 
 #: Largest ratio of a lattice path with straight and diagonal moves to the straight line.
 LATTICE = 1.0824
@@ -30,7 +29,7 @@ _UNITS = 4  # units of credit per square
 
 
 class Pace(NamedTuple):
-    """Distance of the ghost, in units of credit, and time of the robot per move."""
+    """Distance of the ghost, in units of credit, and time of the robot per move; both are rounded for the robot."""
 
     walked: Any  # (2,) int64: credit of the ghost during each kind of move, rounded down
     lasts: Any  # (2,) int64: duration of each kind of move, in UNIT_S, rounded up
@@ -39,7 +38,7 @@ class Pace(NamedTuple):
 
 
 def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
-    """Return the paces, rounded in favour of the robot, whose speed makes up for the detours of the lattice."""
+    """Return the paces; the robot's speed makes up for the detours of the lattice."""
     speed = LATTICE * robot_mps
     walked = np.floor(_UNITS * SQUARES * ghost_mps / speed + 1e-9).astype(np.int64)
     lasts = np.ceil(SQUARES * graph.edge_m / speed / UNIT_S - 1e-9).astype(np.int64)
@@ -49,15 +48,12 @@ def pace(graph: Graph, robot_mps: float, ghost_mps: float) -> Pace:
 
 
 @kernel
-def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped-def]
-    """Return True if the ghost, between two blocks, has caught the robot at the place of its block.
-
-    A ghost near a wall stays on its nearest cell; it has caught the robot if this cell is within ``radius``.
-    """
+def _caught(r, g, credit, graph, p, radius):
+    """Return True if a ghost, which near a wall stays on its nearest cell, has caught the robot at its place."""
     x, y = graph.ghost_xy[g, 0], graph.ghost_xy[g, 1]
-    target = np.int64(targets[r, g, 0])
+    target = np.int64(graph.targets[r, 0])
     if g == target:
-        if g == graph.snap[r] and targets[r, g, 1] < 0 and graph.reach_m[r] <= radius:
+        if graph.targets[r, 1] < 0 and graph.reach_m[r] <= radius:
             return True
     elif credit > 0:
         following = graph.ghost_next[target, g]
@@ -69,7 +65,7 @@ def _caught(r, g, credit, targets, graph, p, radius):  # type: ignore[no-untyped
 
 
 @kernel
-def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
+def _turn(g, credit, before, target, graph, p):
     """Redirect a ghost between g and the block after it from target ``before`` to ``target``, without a gain for it."""
     if credit == 0 or g == before or before == target:
         return g, credit
@@ -87,13 +83,13 @@ def _turn(g, credit, before, target, graph, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-def]
+def _after(state, to, kind, j, graph, p):
     """Return the ghost's block and credit after a robot move, on the way to its ``j``-th target; block -1: none."""
     r, g, credit = state
-    target = np.int64(targets[to, g, j])
+    target = np.int64(graph.targets[to, j])
     if target < 0:
         return np.int64(-1), np.int64(0)
-    g, credit = _turn(g, credit, np.int64(targets[r, g, 0]), target, graph, p)
+    g, credit = _turn(g, credit, np.int64(graph.targets[r, 0]), target, graph, p)
     credit += p.walked[kind]
     while g != target:
         following = np.int64(graph.ghost_next[target, g])
@@ -104,98 +100,72 @@ def _after(state, to, kind, j, targets, graph, p):  # type: ignore[no-untyped-de
     if g == target:
         credit = np.int64(0)
     elif j > 0:  # states store the credit on the way to the first target
-        g, credit = _turn(g, credit, target, np.int64(targets[to, g, 0]), graph, p)
+        g, credit = _turn(g, credit, target, np.int64(graph.targets[to, 0]), graph, p)
     return g, credit
 
 
 @kernel
-def _longest(r, g, credit, held, targets, graph, p, left):  # type: ignore[no-untyped-def]
-    """Return the time until capture after the robot's best move, and the number of this move.
-
-    The move ``held`` is tried first. The search ends at the first move after which the robot is never caught.
-    """
-    begin = graph.first_move[r]
-    many = graph.first_move[r + 1] - begin + 1  # move 0 is waiting
+def _longest(state, graph, p, left):
+    """Return the time until capture after the robot's best move."""
+    r = state[0]
     most = 0
-    for k in range(-1, many * targets.shape[2]):
-        number = held if k < 0 else k
-        e, j = number % many, number // many
-        to, kind = np.int64(r), np.int64(0)
-        if e > 0:
-            to, kind = np.int64(graph.move_to[begin + e - 1]), np.int64(graph.move_kind[begin + e - 1])
-        at, rest = _after((r, g, credit), to, kind, j, targets, graph, p)
-        if at < 0:
-            continue
-        then = np.int64(left[to, at, rest])
-        if then == FOR_EVER:
-            return FOR_EVER, number
-        most = max(most, min(then + p.lasts[kind], FOR_EVER - 1))
-    return most, held
+    for e in range(graph.first_move[r] - 1, graph.first_move[r + 1]):
+        waits = e < graph.first_move[r]
+        to, kind = (r, np.int64(0)) if waits else (np.int64(graph.move_to[e]), np.int64(graph.move_kind[e]))
+        for j in range(graph.targets.shape[1]):
+            at, rest = _after(state, to, kind, j, graph, p)
+            if at < 0:
+                break
+            then = np.int64(left[to, at, rest])
+            if then == FOR_EVER:
+                return FOR_EVER
+            most = max(most, min(then + p.lasts[kind], FOR_EVER - 1))
+    return most
 
 
 @kernel
-def _solve(graph, targets, p, radius, left):  # type: ignore[no-untyped-def]
-    """Write the times of :func:`survival` to ``left`` and return the number of sweeps over the blocks.
+def survival(graph, p, radius):
+    """Return the longest times (B, A, levels) until the ghost catches the robot, in UNIT_S; FOR_EVER: never.
 
     The row of a robot block is updated again after a change of a row that its moves lead to.
     """
-    blocks, ghosts, levels = left.shape
-    left[:] = FOR_EVER
-    held = np.zeros(left.shape, np.uint8)
-    stale = np.ones(blocks, np.bool_)
+    blocks, ghosts, levels = len(graph.robot_xy), len(graph.ghost_xy), p.levels
+    left = np.empty((blocks, ghosts, levels), np.uint16)
     for r in range(blocks):
         for g in range(ghosts):
             for c in range(levels):
-                if _caught(r, g, c, targets, graph, p, radius):
-                    left[r, g, c] = 0
-    sweeps = 0
-    unfinished = True
-    while unfinished:
-        unfinished = False
+                left[r, g, c] = 0 if _caught(r, g, c, graph, p, radius) else FOR_EVER
+    stale = np.ones(blocks, np.bool_)
+    sweep = 0
+    while stale.any():
         for k in range(blocks):
-            r = k if sweeps % 2 == 0 else blocks - 1 - k
+            r = k if sweep % 2 == 0 else blocks - 1 - k
             if not stale[r]:
                 continue
-            stale[r] = False
             changed = False
             for g in range(ghosts):
                 for c in range(levels):
                     if left[r, g, c] == FOR_EVER:
-                        most, number = _longest(r, g, c, np.int64(held[r, g, c]), targets, graph, p, left)
-                        held[r, g, c] = number
-                        if most != FOR_EVER:
-                            left[r, g, c] = most
-                            changed = True
+                        left[r, g, c] = _longest((r, np.int64(g), np.int64(c)), graph, p, left)
+                        changed |= left[r, g, c] != FOR_EVER
+            stale[r] = changed
             if changed:
-                unfinished = True
-                stale[r] = True
                 for e in range(graph.first_move[r], graph.first_move[r + 1]):
                     stale[graph.move_to[e]] = True
-        sweeps += 1
-    return sweeps
-
-
-def survival(graph: Graph, targets: NDArray[np.int16], p: Pace, radius_m: float) -> NDArray[np.uint16]:
-    """Return the longest times (B, A, levels) until the ghost catches the robot, in UNIT_S; FOR_EVER: never."""
-    left = np.empty((len(graph.robot_xy), len(graph.ghost_xy), p.levels), dtype=np.uint16)
-    _solve(graph, targets, p, radius_m, left)
+        sweep += 1
     return left
 
 
-def from_start(graph: Graph, left: NDArray[np.uint16], p: Pace, robot: int, ghosts: NDArray[np.int32]) -> NDArray:
-    """Return the times (N,) until the robot is caught, s (inf: never), from block ``robot`` and ``ghosts`` (N,).
-
-    The robot makes two moves before the first step of the ghost.
-    """
-    reached, spent = {robot: 0}, {robot: 0}
+def from_start(graph: Graph, left: NDArray[np.uint16], p: Pace, robot: int, ghosts: NDArray[np.int32]) -> NDArray[Any]:
+    """Return the times (N,) until the robot in a block, which makes two free moves, is caught, s (inf: never)."""
+    spent = {robot: 0}
     for _ in range(2):
-        for block in list(reached):
+        for block in list(spent):
             for e in range(graph.first_move[block], graph.first_move[block + 1]):
                 to, at = int(graph.move_to[e]), spent[block] + int(p.lasts[graph.move_kind[e]])
                 spent[to] = max(spent.get(to, 0), at)
-                reached[to] = 0
-    longest = np.zeros(len(ghosts), dtype=np.int64)
+    longest = np.zeros(len(ghosts))
     for block, so_far in spent.items():
-        then = left[block, ghosts, 0].astype(np.int64)
-        longest = np.maximum(longest, np.where(then == FOR_EVER, FOR_EVER, then + so_far))
-    return np.where(longest >= FOR_EVER, np.inf, UNIT_S * longest)
+        then = left[block, ghosts, 0]
+        longest = np.maximum(longest, np.where(then == FOR_EVER, np.inf, UNIT_S * (then.astype(np.int64) + so_far)))
+    return longest
