@@ -19,9 +19,7 @@ from pacman_env.command_line.examples import first_steps
 
 #: Module in this package and purpose, by command.
 MODULES = {
-    "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: table, plot, film"),
-    "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
-    "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
+    "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: tables, plot, page, film"),
     "dataset": ("evaluation.dataset.__main__", "record rounds of a policy for offline learning (Minari, Parquet)"),
     "bound": ("evaluation.bound.__main__", "compute an upper bound and an estimate of completion on a map"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
@@ -37,6 +35,8 @@ MODULES = {
 #: What replaces a removed command; the entries stay as long as the version is 0.x.
 REMOVED = {
     "completion": "pacman-env COMMAND --help lists the options of a command",
+    "leaderboard": "run pacman-env compare --suite NAME (docs/evaluation.md)",
+    "report": "run pacman-env compare --html FILE (docs/evaluation.md)",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
 }
 

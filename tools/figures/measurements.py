@@ -24,6 +24,7 @@ REAL_MAPS = (
 _SHARED = Path(os.environ.get("PACMAN_ENV_SHARED") or ROOT.parent / "shared")  # real maps; not in the repository
 _NAV2_ROUNDS = ROOT / "eval" / "nav2" / "rounds.csv"
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
+_SUITE = "--suite brief --policies ppo lookahead clyde_aware nearest"
 _NODES = ROOT / "eval" / "nodes.csv"
 
 _ROUNDS = ("engine", "settings", "evaluation")
@@ -83,7 +84,7 @@ def measurements() -> dict[str, Measurement]:
             lambda _: _learned("--seed 0", "--seed 1", "--seed 2"),
         ),
         "leaderboard": Measurement(
-            f"pacman-env leaderboard --suite brief --maps {' '.join(maps)} --resume --out docs/leaderboard.md",
+            f"pacman-env compare {_SUITE} --map {' '.join(maps)} --resume --markdown docs/leaderboard.md",
             _POLICIES,
             80,
             lambda folder: _league(maps, folder),
@@ -145,7 +146,7 @@ def _learned(*seeds: str) -> dict[str, list[str]]:
 
 def _league(maps: Sequence[str], folder: Path) -> dict[str, str]:
     """Write the league table; return the hash of its page."""
-    words = f"leaderboard --suite brief --maps {' '.join(maps)} --workers 2 --resume --parts {folder} --out {_LEAGUE}"
+    words = f"compare {_SUITE} --map {' '.join(maps)} --workers 2 --resume --parts {folder} --markdown {_LEAGUE}"
     _written(words, "--json", ".json")
     _LEAGUE.write_text(_LEAGUE.read_text().replace(str(_SHARED), "../shared"))  # as a reader types it
     return league_hash()
