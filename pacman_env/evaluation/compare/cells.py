@@ -70,6 +70,8 @@ def make_cells(arguments: argparse.Namespace) -> list[Cell]:
     """Return the cells of a comparison; raises ValueError if arguments are invalid or contradict the suite."""
     if arguments.suite is not None:
         return _suite_cells(arguments)
+    if arguments.suites is not None:
+        raise ValueError(f"--suites {arguments.suites}: is for --suite")
     configs = scenarios.game_configs(arguments)
     maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
     rounds = arguments.episodes or EPISODES

@@ -27,7 +27,7 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
     rows = content["rows"]
     if content["suite"]:
         sections = list(_league_sections(content))
-        about = f"{_plain(league.MEANING)}"
+        about = _plain(league.MEANING)
         title, lead = f"League table of the suite {content['suite']}", league.headline(rows)
     else:
         power = content["config"]["power"]["pellets"] > 0
@@ -40,7 +40,7 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
         r=content,
         title=title,
         lead=lead,
-        about=about.split("\n\n"),
+        about=about.replace("\n- ", "\n\n").split("\n\n"),
         sections=sections,
         pair=None if content["suite"] or rows[0]["kind"] == "endless" else _pair(content),
         rounds_shown=_ROUNDS_SHOWN,
@@ -55,17 +55,23 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
 
 def _section(group: list[Row], *, power: bool) -> dict[str, Any]:
     head, lines = table_of(group, power=power)
-    return {"title": group_title(group[0]), "lead": verdict(group), "head": head, "rows": lines, "headers": 1}
+    return {
+        "title": group_title(group[0]),
+        "lead": verdict(group),
+        "head": head,
+        "rows": lines,
+        "align": "l" + "r" * len(head),
+    }
 
 
 def _league_sections(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
     rows = content["rows"]
     _, about, _ = league.summary(rows)
     means = league.means(rows)
-    yield {"title": "Summary", "lead": about, "head": means.head, "rows": means.rows, "headers": 2}
+    yield {"title": "Summary", "lead": about, "head": means.head, "rows": means.rows, "align": means.align}
     for name, cells in league.groups_of(rows).items():
         table, lead = league.cell_table(cells), league.about_group(content, cells[0])
-        yield {"title": name.capitalize(), "lead": lead, "head": table.head, "rows": table.rows, "headers": 2}
+        yield {"title": name.capitalize(), "lead": lead, "head": table.head, "rows": table.rows, "align": table.align}
 
 
 def _pair(content: dict[str, Any]) -> dict[str, Any] | None:
@@ -79,12 +85,15 @@ def _pair(content: dict[str, Any]) -> dict[str, Any] | None:
             if (ends[0] == "C") == (ends[1] == "C"):
                 continue
             round_ = {
+                "number": number,
                 "map": ours["map"],
                 "speed": f"{ours['clyde_speed']:g}",
                 "ends": [_outcome(row, number) for row in (ours, theirs)],
                 "command": replay_command(content, theirs, number),
             }
             found[first if ends[0] == "C" else others[0]].append(round_)
+    for rounds in found.values():  # the first ones show every map and speed
+        rounds.sort(key=lambda round_: round_["number"])
     return {"names": [first, others[0]], "rounds": found}
 
 
@@ -95,7 +104,7 @@ def _outcome(row: Row, number: int) -> dict[str, Any]:
 
 def _plain(text: str) -> str:
     """Return a text of a Markdown page without its marks."""
-    return text.replace("`", "").replace("**", "").replace("- *", "*").replace("*", "")
+    return text.replace("`", "").replace("*", "")
 
 
 def _interval(text: str) -> Markup:
