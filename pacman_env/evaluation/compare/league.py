@@ -23,7 +23,7 @@ brackets are 95 % intervals.
 The JSON has more for every policy: intervals, how rounds ended, pellets, and the length of completed rounds."""
 
 
-class Table(NamedTuple):
+class LeagueTable(NamedTuple):
     """Texts of a table; ``align`` contains l or r for each column."""
 
     head: Sequence[str]
@@ -68,7 +68,7 @@ def against_best(cell: Sequence[Row]) -> tuple[str, str]:
     return verdict, with_interval(-best["paired_difference"], (low, high), "+")
 
 
-def means(rows: Sequence[Row]) -> Table:
+def means(rows: Sequence[Row]) -> LeagueTable:
     """Return the mean and least completion of each policy over the cells of a group, which have equal weights."""
     texts = []
     for group, cells in groups_of(rows).items():
@@ -77,10 +77,10 @@ def means(rows: Sequence[Row]) -> Table:
             least = min(of_policy, key=lambda row: row["completion_rate"])
             mean, lowest = percent(sum(rates) / len(rates)), percent(least["completion_rate"])
             texts.append((group, f"`{least['policy']}`", mean, lowest, place_of(least)))
-    return Table(("maps", "policy", "mean", "least", "in"), "llrrl", texts)
+    return LeagueTable(("maps", "policy", "mean", "least", "in"), "llrrl", texts)
 
 
-def cell_table(cells: Sequence[Sequence[Row]]) -> Table:
+def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
     """Return the table of the cells of one group: completion of all policies, and the verdict on the first one."""
     names = [f"`{row['policy']}`" for row in cells[0]]
     compared = len(names) > 1
@@ -92,7 +92,7 @@ def cell_table(cells: Sequence[Sequence[Row]]) -> Table:
             texts.append(f"{f'**{verdict}**' if verdict == 'WORSE' else verdict}: {difference}")
         rows.append([*texts, _worst(cell[0]["worst_tenth"])])
     head = ["ghosts", "m/s", *names, *([f"{names[0]} against the best other"] if compared else []), "worst tenth"]
-    return Table(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
+    return LeagueTable(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
 
 
 def about_group(content: dict[str, Any], cell: Sequence[Row]) -> str:
@@ -135,15 +135,15 @@ def render(content: dict[str, Any], picture: str) -> str:
         *("# League table", made, f"```bash\n{content['command']}\n```", "## Summary", *summary(rows)),
         f"![Completion of every policy, by ghosts and speed]({picture})",
         *("## What the numbers are", MEANING, *tables(content), "## How it was made"),
-        markdown(Table(("policy", "file's SHA-256"), "ll", files)),
+        markdown(LeagueTable(("policy", "file's SHA-256"), "ll", files)),
         *(["A + means changes that were not committed."] if dirty else []),
         "Maps and their hashes; of generated levels that of the first:",
-        markdown(Table(("map", "hash"), "ll", places)),
+        markdown(LeagueTable(("map", "hash"), "ll", places)),
     ]
     return "\n\n".join(blocks) + "\n"
 
 
-def markdown(table: Table) -> str:
+def markdown(table: LeagueTable) -> str:
     """Return a Markdown table with an aligned source."""
     clean = [[cell.replace("|", "\\|") for cell in row] for row in table.rows]
     widths = [max(3, *map(len, column)) for column in zip(table.head, *clean, strict=True)]

@@ -34,7 +34,7 @@ def make_rows(cells: Sequence[Cell], policies: Sequence[str], played: Sequence[P
         first: list[NDArray] | None = None
         for policy, parts in zip(policies, zip(*by_map, strict=True), strict=True):
             name = next(iter(cell.scenarios)) if len(cell.scenarios) == 1 else None
-            about = {"map": name, "policy": policy, "clyde_speed": cell.config.clyde.speed_mps}
+            about: Row = {"map": name, "policy": policy, "clyde_speed": cell.config.clyde.speed_mps}
             if cell.group is not None:
                 worst = worst_tenth([records for records, _ in parts])
                 about |= {"group": cell.group, "ghosts": list(cell.config.clyde.ghosts), "worst_tenth": worst}

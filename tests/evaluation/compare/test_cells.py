@@ -40,7 +40,7 @@ def test_shipped_suites_have_documented_cells() -> None:
     found = cells("--suite", "quick", "--map", *maps, "--preset", "robot_0_15")
     assert [(cell.group, cell.rounds) for cell in found] == [(TEST_LEVELS, 60)] * 6 + [(GIVEN_MAPS, 20)] * 6
     assert (found[0].scenarios, found[-1].scenarios) == ({"generated:test": Levels("test", None, 10)}, maps)
-    assert {cell.config.robot.control for cell in found} == {"pure_pursuit"}
+    assert {cell.config.nav2.controller for cell in found} == {"pure_pursuit"}
     assert {cell.config.clyde.speed_mps for cell in found} == {0.25, 0.35}
     assert {cell.rounds for cell in cells("--suite", "quick", "--episodes", "3")} == {3}
 

@@ -10,6 +10,9 @@ import pytest
 
 from pacman_env.evaluation.compare.__main__ import main
 from pacman_env.evaluation.compare.page import render_page
+from pacman_env.evaluation.replay import make_parser as replay_parser
+from pacman_env.evaluation.replay import record_games
+from pacman_env.evaluation.rounds import scenarios
 from tests.evaluation.helpers import comparison
 from tests.web.browser import axe, chromium
 from tests.web.test_page_accessible import RUN
@@ -22,7 +25,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path
     folder = tmp_path_factory.mktemp("page")
     page, film = folder / "page.html", folder / "film.mp4"
     views = ["--html", str(page), "--video", str(film), "--clyde-speed", "0.25", "0.4"]
-    comparison(folder / "r.json", *views, "--policies", "nearest", "random_pellet", "--time-limit", "60")
+    comparison(folder / "r.json", *views, "--policies", "clyde_aware", "random_pellet")
     return json.loads((folder / "r.json").read_text()), page
 
 
@@ -33,28 +36,28 @@ def test_page_is_self_contained_with_poster(made: tuple[dict[str, Any], Path]) -
     assert 'src="data:video/mp4;base64,' in text
 
 
-def test_page_replays_rounds_completed_by_one_policy(
-    made: tuple[dict[str, Any], Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    from pacman_env.evaluation.replay import main as replay
-
+def test_page_replays_rounds_completed_by_one_policy(made: tuple[dict[str, Any], Path]) -> None:
     report, page = made
     ours, theirs = (row["outcomes"]["end"] for row in report["rows"][:2])
     number = next(k for k, (a, b) in enumerate(zip(ours, theirs, strict=True)) if (a == "C") != (b == "C"))
-    command = re.search(
-        rf"pacman-env replay {report['seeds'][number]} [^<]*--clyde-speed 0\.25 [^<]*", page.read_text()
-    )
+    seed = report["seeds"][number]
+    command = re.search(rf"pacman-env replay {seed} [^<]*--clyde-speed 0\.25 [^<]*", page.read_text())
     assert command is not None
-    assert replay([*shlex.split(command[0])[2:], "--out", str(tmp_path / "film.gif")]) == 0
-    said = capsys.readouterr().out
-    ends = ["complete" if end == "C" else "" for end in (ours[number], theirs[number])]
-    for name, end in zip(("nearest", "random_pellet"), ends, strict=True):
-        assert (end == "complete") == bool(re.search(rf"^{name}: complete", said, re.MULTILINE))
+    arguments = replay_parser().parse_args(shlex.split(command[0])[2:])
+    (place,), (config,) = scenarios.from_arguments(arguments), scenarios.game_configs(arguments)
+    for game, end in zip(
+        record_games(place, config, scenarios.named_policies(arguments.policies), arguments.seed),
+        (ours[number], theirs[number]),
+        strict=True,
+    ):
+        while not game.over:
+            game.step()
+        assert game.outcome().startswith("complete") == (end == "C")
 
 
 def test_page_escapes_every_text(made: tuple[dict[str, Any], Path]) -> None:
     text, evil = json.dumps(made[0]), "<script>alert('1')</script>\"&"
-    for name in ("random_pellet", "nearest", "house"):
+    for name in ("random_pellet", "clyde_aware", "house"):
         text = text.replace(f'"{name}"', json.dumps(evil + name))
     content = json.loads(text) | {"command": evil}
     page = render_page(content, None, None, None)
