@@ -7,7 +7,6 @@ extra `train`.
 """
 
 import argparse
-import contextlib
 import dataclasses
 import json
 from pathlib import Path
@@ -18,7 +17,6 @@ import torch
 from tqdm import tqdm
 
 from pacman_env import BehaviourOpponent, Opponents, make_policy, wilson
-from pacman_env.executors.base import InThreads
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
@@ -29,6 +27,7 @@ from pacman_env.training.games import facts_of, make_ghost_parts, make_parts
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO, imitate
+from pacman_env.training.threads import InThreads
 
 RULES = ("lookahead", "clyde_aware")
 PLANNER, CLYDE = 0, 1
@@ -58,9 +57,9 @@ class Adversaries:
         if network is not None:
             self.models[PLANNER].network.load_state_dict(network.state_dict())
         elif options.imitation > 0:
-            with contextlib.closing(Collector(make_parts(planner, 0), self.executor)) as games:
-                seeds = self.seeds(PLANNER, 0)
-                imitate(self.models[PLANNER], games, options.imitation, games_seed=seeds[0], seed=seeds[1])
+            games = Collector(make_parts(planner, 0), self.executor)
+            seeds = self.seeds(PLANNER, 0)
+            imitate(self.models[PLANNER], games, options.imitation, games_seed=seeds[0], seed=seeds[1])
 
     def arguments(self, side: int, ghost: str = "wander") -> Arguments:
         """Return the arguments of a side's games; ``ghost`` plays Clyde when the planner learns."""
@@ -82,7 +81,8 @@ class Adversaries:
         model, (torch_seed, games_seed) = self.models[side], self.seeds(side, number)
         torch.manual_seed(torch_seed)
         model.decisions = 0
-        with contextlib.closing(Collector(parts, self.executor)) as games, tqdm(total=model.hyper.decisions) as bar:
+        games = Collector(parts, self.executor)
+        with tqdm(total=model.hyper.decisions) as bar:
             model.learn(games, model.hyper.decisions, games_seed, bar)
         self.decisions[side] += model.decisions
 

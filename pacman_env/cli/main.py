@@ -21,9 +21,7 @@ from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
 
 #: Module in this package and purpose, by command.
 MODULES = {
-    "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: table, plot, film"),
-    "report": ("evaluation.report.__main__", "compare policies on the same rounds: HTML report"),
-    "leaderboard": ("evaluation.leaderboard.__main__", "rank policies against many kinds of ghosts (league table)"),
+    "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: tables, plot, page, film"),
     "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
     "train": ("training.train", "train a planner"),
@@ -32,7 +30,7 @@ MODULES = {
 #: Groups of commands in the help.
 HELP = {
     "look and play": ("web", "map", "replay"),
-    "measure": ("compare", "report", "leaderboard", "dataset"),
+    "measure": ("compare", "dataset"),
     "train": ("train", "export"),
     "robot": ("ros",),
     "setup": ("warm-up",),
@@ -45,7 +43,9 @@ REMOVED = {
     "completion": "pacman-env COMMAND --help lists the options of a command",
     "houses": "run python -m tools.houses in a checkout",
     "learning-curves": "run python -m tools.learning_curves in a checkout (docs/learning_curves.md)",
+    "leaderboard": "run pacman-env compare --suite NAME (docs/evaluation.md)",
     "play": "pacman-env web --open plays a game in the browser (docs/web.md)",
+    "report": "run pacman-env compare --html FILE (docs/evaluation.md)",
     "seeds": "run pacman-env train --seed N for each seed, then pacman-env compare (docs/training.md)",
     "tune": "run docs/examples/tune.py in a checkout (docs/training.md)",
     "validation": "run python -m tools.validation in a checkout (docs/validation.md)",

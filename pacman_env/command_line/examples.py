@@ -35,12 +35,9 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
         ("compare --episodes 20", "compare the default policies on the map house"),
         ("compare --policies ppo lookahead --levels test --set clyde.ghosts=arcade,chase", "use generated houses"),
         ("compare --policies clyde_aware mine.onnx --json results/numbers.json", "compare your own policy; write JSON"),
+        ("compare --map house maze --html results/maps.html", "write a page about two maps"),
+        ("compare --suite quick --policies ppo nearest --workers 2", "print a small league table"),
     ),
-    "report": (
-        ("report --quick --out results/quick.html", "write a report in a few minutes"),
-        ("report --map house maze --levels test --workers 2", "report on several maps with two processes"),
-    ),
-    "leaderboard": (("leaderboard --suite quick --workers 2", "write a small league table"),),
     "dataset": (
         ("dataset pacman-env/house-v0 --policy lookahead --episodes 100", "record 100 rounds"),
         ("dataset pacman-env/levels-v0 --map generated --set num_levels=200", "use generated houses"),

@@ -31,7 +31,7 @@ def add_game_option(parser: argparse._ActionsContainer, option: str, **changes: 
 
     The help ends with the default value, if there is one.
     """
-    given = {"help": f"preset: one of {', '.join(preset_names())}"} if option == "--preset" else {}
+    given: dict[str, Any] = {"help": f"preset: one of {', '.join(preset_names())}"} if option == "--preset" else {}
     given = {**_OPTIONS[option], **given, **changes}
     if given.get("required"):
         given.pop("default", None)

@@ -59,28 +59,6 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
     return difference, (difference - down, difference + up)
 
 
-def interquartile_mean(values: Floats) -> Floats:
-    """Return the mean of the middle half along the last axis, without the floor(n / 4) smallest and largest values.
-
-    Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021; whole values
-    are left out, as in their library. With fewer than four values it is the mean.
-    """
-    n = values.shape[-1]
-    return np.sort(values, axis=-1)[..., n // 4 : n - n // 4].mean(axis=-1)
-
-
-def improvement(ours: Floats, theirs: Floats, weights: Floats) -> Floats:
-    """Return the probability (R,) that one of our scores (n,) is above one of theirs; ties count half.
-
-    This is Mann and Whitney's U / n^2, or "probability of improvement" on one task in Agarwal et al. 2021. ``weights``
-    (R, n) tell how often each trial counts, for both sides; each row sums to n.
-    """
-    levels = np.unique(np.concatenate([ours, theirs]))
-    our_count, their_count = (weights @ (scores[:, None] == levels) for scores in (ours, theirs))
-    not_above = np.cumsum(their_count, axis=1) - their_count / 2
-    return np.asarray((our_count * not_above).sum(axis=1) / len(ours) ** 2)
-
-
 def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> Floats:
     """Return how often (R, n) each of n trials is drawn in n draws with replacement."""
     if trials < 1:
@@ -103,28 +81,6 @@ def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tupl
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
 
 
-def bootstrapped_iqm(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Return the interquartile mean over tasks of their mean scores, and its interval (:func:`bootstrapped_mean`)."""
-    drawn = interquartile_mean(_drawn_means(tasks, rng))
-    return float(interquartile_mean(np.array([scores.mean() for scores in tasks]))), percentiles95(drawn)
-
-
 def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
     """Return the mean of each task in each replicate (R, T)."""
     return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
-
-
-def bootstrapped_improvement(
-    ours: Sequence[Floats], theirs: Sequence[Floats], rng: np.random.Generator
-) -> tuple[float, Interval]:
-    """Return the mean over tasks of the probability of :func:`improvement`, and its stratified bootstrap interval.
-
-    ``ours`` and ``theirs`` are scores (n,) per task, of the same trials, which are drawn for both sides together.
-    """
-    drawn, values = [], []
-    for our, their in zip(ours, theirs, strict=True):
-        if len(our) != len(their):
-            raise ValueError(f"{len(our)} trials against {len(their)}")
-        drawn.append(improvement(our, their, bootstrap_weights(len(our), rng)))
-        values.append(improvement(our, their, np.ones((1, len(our))))[0])
-    return float(np.mean(values)), percentiles95(np.mean(drawn, axis=0))

@@ -147,6 +147,14 @@ def record_games(
     return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
 
+def first_frame(games: Sequence[RecordedGame], height: int = 480, theme: Theme = "light") -> bytes:
+    """Return a PNG of the games as they stand, for example as the poster of a film that is recorded afterwards."""
+    import imageio.v3 as imageio
+
+    frame = np.hstack([game.picture(height, theme) for game in games])
+    return bytes(imageio.imwrite("<bytes>", frame, extension=".png"))
+
+
 def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480, theme: Theme = "light") -> None:
     save_video(film(games, height, theme), path, games[0].tick_s)
 
@@ -267,7 +275,8 @@ def _write(out: Path, games: Sequence[RecordedGame], title: str, theme: Theme) -
         return
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
+        poster = base64.b64encode(first_frame(games, theme=theme)).decode()
         film_games(games, path, theme=theme)
         video = base64.b64encode(path.read_bytes()).decode()
-    text = render("replay.html.j2", title=title, video=video, games=games)
+    text = render("replay.html.j2", title=title, video=video, poster=poster, games=games)
     write_text(out, text)

@@ -52,7 +52,7 @@ def address(site: Path) -> Iterator[str]:
         *((file_name(env_id), f"environments/ids/{file_name(env_id)}.html") for env_id in IDS),
         ("make_policy", "reference/policies.html#pacman_env.make_policy"),
         ("PacManBotVecEnv", "reference/sb3.html#pacman_env.sb3.PacManBotVecEnv"),
-        ("pacman-env leaderboard", "commands.html#pacman-env-leaderboard"),
+        ("pacman-env compare", "commands.html#pacman-env-compare"),
     ],
 )
 def test_search_finds_page(chromium: Any, address: str, query: str, page: str) -> None:

@@ -6,11 +6,7 @@ from numpy.typing import NDArray
 
 from pacman_env.episodes.statistics import (
     bootstrap_weights,
-    bootstrapped_improvement,
-    bootstrapped_iqm,
     bootstrapped_mean,
-    improvement,
-    interquartile_mean,
     paired_difference,
     wilson,
 )
@@ -76,41 +72,6 @@ def rng() -> np.random.Generator:
     return np.random.default_rng(3)
 
 
-@pytest.mark.parametrize(
-    ("values", "mean"),
-    [
-        ([8, 1, 7, 2, 6, 3, 5, 4], 4.5),  # 3, 4, 5, 6 are left
-        ([0, 3, 4, 5, 100], 4.0),  # one on either side
-        ([0, 10, 20, 1000], 15.0),
-        ([0, 1, 5], 2.0),  # too few to leave any out
-        ([7], 7.0),
-        ([[0, 1, 2, 9], [5, 5, 7, -40]], [1.5, 5.0]),  # along the last axis
-    ],
-)
-def test_interquartile_mean_is_of_the_middle_half(values: list[float], mean: float) -> None:
-    assert interquartile_mean(np.array(values, dtype=np.float64)) == pytest.approx(mean)
-
-
-def test_improvement_counts_all_pairs_and_ties_half() -> None:
-    ours, theirs = np.array([1.0, 2.0, 3.0]), np.array([1.0, 2.0, 2.0])
-    # 1 against 1, 2, 2: a tie; 2: one above, two ties; 3: three above
-    assert improvement(ours, theirs, np.ones((1, 3))) == pytest.approx([(0.5 + 1 + 1 + 3) / 9])
-    # the first trial twice and the last once: 1, 1, 3 against 1, 1, 2
-    assert improvement(ours, theirs, np.array([[2.0, 0.0, 1.0]])) == pytest.approx([(2 + 3) / 9])
-
-
-SCORES = st.integers(1, 12).flatmap(lambda n: st.tuples(*[st.lists(st.integers(0, 5), min_size=n, max_size=n)] * 2))
-
-
-@given(SCORES)
-def test_improvement_is_the_share_of_better_pairs(case: tuple[list[int], list[int]]) -> None:
-    ours, theirs = (np.array(side, dtype=np.float64) for side in case)
-    once = np.ones((1, len(ours)))
-    pairs = (np.sign(ours[:, None] - theirs) + 1) / 2
-    assert improvement(ours, theirs, once)[0] == pytest.approx(pairs.mean())
-    assert improvement(theirs, ours, once)[0] == pytest.approx(1 - pairs.mean())
-
-
 def test_bootstrap_weights_are_uniform() -> None:
     weights = bootstrap_weights(5, rng(), 4000)
     assert weights.shape == (4000, 5)
@@ -151,28 +112,3 @@ def test_paired_intervals_have_nominal_coverage() -> None:
         unpaired += 2 * 1.96 * np.hypot(ours.std(), theirs.std()) / np.sqrt(50)
     assert 0.9 <= held / 120 <= 0.99
     assert width < 0.5 * unpaired
-
-
-def test_iqm_over_tasks_omits_whole_tasks() -> None:
-    middle = np.tile([0.0, 1.0], 200)  # a mean of 0.5, of 400 trials
-    tasks = [np.zeros(400), middle, 1 - middle, np.ones(400)]
-    value, (low, high) = bootstrapped_iqm(tasks, rng())
-    assert value == 0.5
-    half = 1.96 * np.sqrt(0.25 / 400 / 2)  # two tasks count
-    assert (low, high) == pytest.approx((0.5 - half, 0.5 + half), abs=0.006)
-
-
-def test_improvement_draws_both_sides_together() -> None:
-    scores = [rng().integers(0, 9, 50).astype(np.float64)]
-    value, interval = bootstrapped_improvement(scores, scores, rng())
-    assert value == pytest.approx(0.5)
-    assert interval == pytest.approx((0.5, 0.5))
-
-
-def test_improvement_is_the_mean_over_tasks() -> None:
-    better, equal = (np.ones(4), np.zeros(4)), (np.ones(40), np.ones(40))
-    value, interval = bootstrapped_improvement([better[0], equal[0]], [better[1], equal[1]], rng())
-    assert value == 0.75
-    assert interval == (0.75, 0.75)
-    with pytest.raises(ValueError, match="4 trials against 3"):
-        bootstrapped_improvement([np.ones(4)], [np.ones(3)], rng())

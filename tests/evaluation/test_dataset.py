@@ -105,7 +105,7 @@ def test_documentation_reads_data_set(opened: Any, capsys: pytest.CaptureFixture
 class _Backwards(InProcess):
     """Ends the last task first, as several workers may."""
 
-    def _ends(self, function: Callable[..., Any], tasks: Any, keys: Any) -> Any:
+    def run(self, function: Callable[..., Any], tasks: Any) -> Any:
         for number, task in reversed(list(enumerate(tasks))):
             yield Done(number, function(task))
 

@@ -23,6 +23,7 @@ _LEAGUE_MAPS = (
 )  # fmt: skip
 _SPEED = "benchmarks.versions --seconds 2"
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
+_SUITE = "--suite brief --policies ppo lookahead clyde_aware nearest"
 
 _ROUNDS = ("engine", "settings", "evaluation")
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
@@ -59,7 +60,7 @@ def measurements() -> dict[str, Measurement]:
             lambda _: _learned("--seed 0", "--seed 1", "--seed 2"),
         ),
         "leaderboard": Measurement(
-            f"pacman-env leaderboard --suite brief --maps {' '.join(maps)} --resume --out docs/leaderboard.md",
+            f"pacman-env compare {_SUITE} --map {' '.join(maps)} --resume --markdown docs/leaderboard.md",
             _POLICIES,
             80,
             lambda folder: _league(maps, folder),
@@ -95,7 +96,7 @@ def _learned(*seeds: str) -> dict[str, list[str]]:
 
 def _league(maps: Sequence[str], folder: Path) -> dict[str, str]:
     """Write the league table; return the hash of its page."""
-    words = f"leaderboard --suite brief --maps {' '.join(maps)} --workers 2 --resume --parts {folder} --out {_LEAGUE}"
+    words = f"compare {_SUITE} --map {' '.join(maps)} --workers 2 --resume --parts {folder} --markdown {_LEAGUE}"
     _written(words, "--json", ".json")
     _LEAGUE.write_text(_LEAGUE.read_text().replace(str(_SHARED), "../shared"))  # as a reader types it
     return league_hash()

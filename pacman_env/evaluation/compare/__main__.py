@@ -1,30 +1,30 @@
 """Compare policies in the same rounds: ``pacman-env compare``.
 
-``rounds`` plays, stores and summarizes the rounds; ``table``, ``plot`` and ``evaluation.replay`` show them.
+``cells`` chooses the rounds, ``rounds`` plays, stores and summarizes them, ``results`` describes them as plain data.
+``table``, ``plot``, ``league``, ``heat_map``, ``page`` and ``evaluation.replay`` show the results.
 """
 
 import argparse
-import itertools
-import json
-import re
 import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.episodes.rollout import episode_seeds
+from pacman_env.evaluation.compare import heat_map, league
+from pacman_env.evaluation.compare.cells import EPISODES, Cell, make_cells, places
+from pacman_env.evaluation.compare.results import as_json, describe, make_rows
 from pacman_env.evaluation.compare.table import WIDTH, groups, render, verdict
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.kept import play_left
 from pacman_env.evaluation.rounds.play import Matchup
-from pacman_env.evaluation.rounds.summary import describe_rounds, make_row
-from pacman_env.executors.choice import add_executor_arguments, without_executor
+from pacman_env.executors.choice import add_executor_arguments
 from pacman_env.files import prepare, write_text
 
-_VIDEO_SUFFIXES = (".mp4", ".gif")
-#: A list of plain values in JSON, which is written on one line, and a line break in it.
-_LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
+POLICIES = ("clyde_aware", "ppo", "lookahead", "nearest", "random_pellet")
+_SUFFIXES = {"plot": (".png",), "video": (".mp4", ".gif"), "html": (".html",), "markdown": (".md",)}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,10 +39,13 @@ def make_parser() -> Parser:
         " for any number of workers and threads.",
     )
     add = parser.add_argument
-    policies = ("clyde_aware", "ppo", "lookahead", "nearest", "random_pellet")
-    scenarios.add_policy_arguments(parser, policies, "policies; all are compared with the first")
+    scenarios.add_policy_arguments(parser, POLICIES, "policies; all are compared with the first")
     scenarios.add_game_arguments(parser, several=True)
-    add("--episodes", type=count(), default=200, metavar="N", help="rounds or games per map, speed and policy (200)")
+    suite = "play the cells of this suite, on test levels and the maps of --map: full, brief, quick, ..."
+    add("--suite", metavar="NAME", help=suite)
+    add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
+    rounds = f"rounds or games per map, speed and policy ({EPISODES}, or those of the suite)"
+    add("--episodes", type=count(), metavar="N", help=rounds)
     add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="threads of each process; 0: one per core (1)")
@@ -52,63 +55,91 @@ def make_parser() -> Parser:
     add("--json", type=Path, metavar="OUT", help="write the results to this file")
     add("--plot", type=Path, metavar="OUT", help="plot (.png; next to the JSON file, or results/compare.png)")
     add("--video", type=Path, metavar="OUT", help="write a video (.mp4, .gif) of the first round on the first map")
+    add("--html", type=Path, metavar="OUT", help="write a page of the results (.html)")
+    add("--markdown", type=Path, metavar="OUT", help="write the league table of --suite (.md), and an .svg file")
     return parser
 
 
 def _compare(arguments: argparse.Namespace) -> None:
-    from pacman_env.evaluation.compare.plot import save_plot
-
-    configs = scenarios.game_configs(arguments)
-    config = configs[0]
+    written = _outputs(arguments)
     policies = scenarios.named_policies(scenarios.distinct("--policies", arguments.policies))
-    maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
-    scenarios.warn_of_short_time(maps, config)
-    json_path, plot_path, video_path = _outputs(arguments)
-    seeds = episode_seeds(arguments.seed, arguments.episodes)
-    work = list(itertools.product(maps.items(), configs, policies.items()))
-    matchups = [Matchup(scenario, one, spec, seeds, arguments.threads) for (_, scenario), one, (spec, _) in work]
+    cells = make_cells(arguments)
+    maps = {name: scenario for name, (scenario, _) in places(cells).items()}
+    scenarios.warn_of_short_time(maps, cells[0].config)
+    matchups = [
+        Matchup(scenario, cell.config, spec, episode_seeds(arguments.seed, cell.rounds), arguments.threads)
+        for cell in cells
+        for scenario in cell.scenarios.values()
+        for spec in policies
+    ]
     parts = arguments.parts or (arguments.json or Path("results/compare")).with_suffix(".parts")
-    played = play_left(parts, matchups, arguments, "game" if config.endless else "episode")
-    rows = []
-    for k, (((place, _), one, (_, policy)), result) in enumerate(zip(work, played, strict=True)):
-        first = k - k % len(policies)  # the first policy in the same rounds
-        about = {"map": place, "policy": policy, "clyde_speed": one.clyde.speed_mps}
-        others = None if k == first else [played[first][0]]
-        rows.append(make_row(about, [result], others, endless=one.endless))
+    played = play_left(parts, matchups, arguments, "game" if cells[0].config.endless else "episode")
+    content = describe(arguments, make_parser(), cells, policies)
+    content["rows"] = rows = make_rows(cells, list(policies.values()), played)
+    if "json" in written:
+        write_text(written["json"], as_json(content))
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
-    width, power = shutil.get_terminal_size((WIDTH, 24)).columns, config.power.pellets > 0
-    print(f"{settings}\n\n{render(rows, width, power=power)}")
-    if json_path is not None:
-        by_name, rules = {name: spec for spec, name in policies.items()}, (arguments.preset, arguments.execution)
-        content = describe_rounds("compare", config, rules, arguments.seed, seeds, maps, by_name)
-        content["arguments"] = {k: v for k, v in without_executor(arguments).items() if k not in ("parts", "resume")}
-        text = json.dumps(content | {"rows": rows}, indent=2, default=str, allow_nan=False)
-        write_text(json_path, _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n")
-    rounds = "endless games" if config.endless else "rounds"
-    heading = f"Same {len(seeds)} {rounds} for every policy  ({settings})"
-    save_plot(rows, plot_path, "\n".join(filter(None, [verdict(rows) if len(groups(rows)) == 1 else "", heading])))
-    if video_path is not None:
-        from pacman_env.evaluation.replay import film_games, record_games
-
-        height = 720 if len(policies) == 1 and video_path.suffix.lower() == ".mp4" else 480  # GIFs grow large
-        film_games(record_games(next(iter(maps.values())), config, policies, seeds[0]), video_path, height)
-    written = [path for path in (json_path, plot_path, video_path) if path is not None]
-    print(f"\nwritten: {', '.join(map(str, written))}")
+    if arguments.suite:
+        print("\n\n".join([f"suite {arguments.suite}, {settings}", *league.summary(rows), *league.tables(content)]))
+    else:
+        width, power = shutil.get_terminal_size((WIDTH, 24)).columns, cells[0].config.power.pellets > 0
+        print(f"{settings}\n\n{render(rows, width, power=power)}")
+    _write_views(content, written, settings)
+    if "video" in written or "html" in written:
+        _write_films(content, written, cells[0], policies)
+    print(f"\nwritten: {', '.join(map(str, written.values()))}")
 
 
-def _outputs(arguments: argparse.Namespace) -> tuple[Path | None, Path, Path | None]:
-    plot = arguments.plot
-    if plot is None:
-        plot = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")
-    video = arguments.video
-    if plot.suffix.lower() != ".png":
-        raise ValueError(f"--plot {plot}: must end in .png")
-    if video is not None and video.suffix.lower() not in _VIDEO_SUFFIXES:
-        raise ValueError(f"--video {video}: must end in {' or '.join(_VIDEO_SUFFIXES)}")
-    if arguments.json == plot:
-        raise ValueError(f"--json {plot}: must differ from --plot")
-    return arguments.json and prepare(arguments.json), prepare(plot), video and prepare(video)
+def _write_views(content: dict[str, Any], written: dict[str, Path], settings: str) -> None:
+    """Write the plot, or the league table with its heat map."""
+    rows = content["rows"]
+    if "plot" in written:
+        from pacman_env.evaluation.compare.plot import save_plot
+
+        rounds = f"{rows[0]['episodes']} {'endless games' if rows[0]['kind'] == 'endless' else 'rounds'}"
+        heading = f"Same {rounds} for every policy  ({settings})"
+        title = [verdict(rows), heading] if len(groups(rows)) == 1 else [heading]
+        save_plot(rows, written["plot"], "\n".join(filter(None, title)))
+    if "markdown" in written:
+        write_text(written["svg"], heat_map.draw(rows))
+        write_text(written["markdown"], league.render(content, written["svg"].name))
+
+
+def _write_films(content: dict[str, Any], written: dict[str, Path], cell: Cell, policies: dict[str, str]) -> None:
+    """Write the film, and the page, of which the film and its first frame are parts."""
+    video, poster = written.get("video"), None
+    if video is not None:
+        from pacman_env.evaluation.replay import film_games, first_frame, record_games
+
+        height = 720 if len(policies) == 1 and video.suffix.lower() == ".mp4" else 480  # GIFs grow large
+        games = record_games(next(iter(cell.scenarios.values())), cell.config, policies, int(content["seeds"][0]))
+        poster = first_frame(games, height)
+        film_games(games, video, height)
+    if "html" in written:
+        from pacman_env.evaluation.compare.page import render_page
+
+        write_text(written["html"], render_page(content, written.get("plot"), video, poster))
+
+
+def _outputs(arguments: argparse.Namespace) -> dict[str, Path]:
+    """Return the files to write by option; raises ValueError for a wrong one. A suite has no plot."""
+    files = {name: getattr(arguments, name) for name in ("json", *_SUFFIXES)}
+    if arguments.suite is None and files["plot"] is None:
+        files["plot"] = arguments.json.with_suffix(".png") if arguments.json else Path("results/compare.png")
+    wanted = {name: path for name, path in files.items() if path is not None}
+    for name, suffixes in _SUFFIXES.items():
+        if name in wanted and wanted[name].suffix.lower() not in suffixes:
+            raise ValueError(f"--{name} {wanted[name]}: must end in {' or '.join(suffixes)}")
+    for name, other in (("plot", True), ("markdown", False)):
+        if name in wanted and (arguments.suite is not None) == other:
+            raise ValueError(f"--{name}: must {'not ' if other else ''}be combined with --suite")
+    if "markdown" in wanted:
+        wanted["svg"] = wanted["markdown"].with_suffix(".svg")
+    for name, path in wanted.items():
+        if wanted.get("json") == path and name != "json":
+            raise ValueError(f"--json {path}: must differ from --{name}")
+    return {name: prepare(path) for name, path in wanted.items()}
 
 
 if __name__ == "__main__":

@@ -34,13 +34,8 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
 
     With ``power``, which means power pellets, there is a column of the ghosts caught.
     """
-    endless = rows[0]["kind"] == "endless"
-    columns = {**_POLICY, **(_ENDLESS if endless else _ROUND), **(_GHOSTS if power else {}), **_ENDS}
-    header = (*columns, "difference")
-    cells = [
-        [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
-        for group in groups(rows)
-    ]
+    tables = [table_of(group, power=power) for group in groups(rows)]
+    header, cells = tables[0][0], [block for _, block in tables]
     widths = [max(map(len, column)) for column in zip(header, *itertools.chain.from_iterable(cells), strict=True)]
 
     bands: list[list[int]] = [[]]  # columns printed next to each other, without the column of policies
@@ -59,10 +54,25 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
             lines += [*(line(texts, band) for texts in (header, *block)), ""]
         if len(group) > 1:
             lines += [*textwrap.wrap(verdict(group), min(width, WIDTH)), ""]
-    meaning = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
+    return "\n".join([*lines, *textwrap.wrap(meaning(rows, power=power), min(width, WIDTH))])
+
+
+def table_of(group: Sequence[Row], *, power: bool = False) -> tuple[list[str], list[list[str]]]:
+    """Return the header and the lines of the table of one map and speed, whose first column is the policy."""
+    columns = {
+        **_POLICY, **(_ENDLESS if group[0]["kind"] == "endless" else _ROUND), **(_GHOSTS if power else {}), **_ENDS
+    }  # fmt: skip
+    lines = [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
+    return [*columns, "difference"], lines
+
+
+def meaning(rows: Sequence[Row], *, power: bool = False) -> str:
+    """Return an explanation of the columns."""
+    endless = rows[0]["kind"] == "endless"
+    text = f"{_ENDLESS_MEANING if endless else _ROUND_MEANING} {short_name(rows[0]['policy'])}, paired by seed."
     if power:
-        meaning += f" {_CAUGHT}: mean number of ghosts caught per {'game' if endless else 'round'}, with its interval."
-    return "\n".join([*lines, *textwrap.wrap(meaning, min(width, WIDTH))])
+        text += f" {_CAUGHT}: mean number of ghosts caught per {'game' if endless else 'round'}, with its interval."
+    return text
 
 
 def verdict(group: Sequence[Row]) -> str:

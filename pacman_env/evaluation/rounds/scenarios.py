@@ -31,6 +31,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
+CLYDE_SPEED = 0.25  # default, m/s
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # about 4 MB each
 _LEVELS_PER_PART = 80  # on average, as parts have equally many rounds, not levels
@@ -168,7 +169,14 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
     add_rule_arguments(parser)
     add = parser.add_argument
     nargs: str | int = "+" if several else 1
-    add("--clyde-speed", nargs=nargs, type=finite_number(), default=[0.25], metavar="V", help="m/s (0.25)")
+    add(
+        "--clyde-speed",
+        nargs=nargs,
+        type=finite_number(),
+        default=[CLYDE_SPEED],
+        metavar="V",
+        help=f"m/s ({CLYDE_SPEED})",
+    )
     add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
     add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
     add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")

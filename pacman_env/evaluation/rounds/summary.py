@@ -1,24 +1,26 @@
 """Summarize rounds: rates, means, intervals and paired differences, in rows of plain data.
 
-The JSON files of ``pacman-env compare`` and ``pacman-env report`` start with the fields of :func:`describe_rounds`
-(``schema``, ``version``, ``kind`` ``compare`` or ``report``, ``seed``, ``seeds``, ``preset``, ``execution``, ``maps``,
-``policies``, ``config``) and have ``rows``:
+The JSON file of ``pacman-env compare`` has the fields ``schema``, ``version``, ``commit``, ``command``, ``kind``
+(``compare``), ``suite`` (null without), ``seed``, ``seeds``, ``preset``, ``execution``, ``maps``, ``policies``,
+``config``, ``arguments`` and ``rows``:
 
 - ``seeds``: seed of each round, uint64 in decimal as strings (more digits than some JSON readers support). Round k of
   every row has the k-th seed.
 - ``maps``: ``name``, ``source``, ``hash``; generated levels together are one map, with ``start_level``,
-  ``num_levels`` and the hash of the first level. ``policies``: ``name`` (as in the rows) and ``spec`` (the argument).
-- ``config`` is the configuration at the first of Clyde's speeds.
+  ``num_levels`` and the hash of the first level. ``policies``: ``name`` (as in the rows), ``spec`` (the argument)
+  and, of a planner file, ``sha256``.
+- ``config`` is the configuration of the first rows.
 
-Every row has ``map`` (null: all maps), ``policy``, ``clyde_speed`` (m/s), ``kind`` (``round``, or ``endless`` for
-endless games), ``episodes``, ``levels`` (number of different levels), ``pellets`` and ``pellets_least`` (most and
-fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]: ``death_rate``/``_ci``, ``timeout_rate``,
-``cleared_rate`` (no pellet left, some lost); means per episode: ``pellets_mean``, ``ghosts_caught_mean``/``_ci``
-(bootstrap, stratified by map; 0 without power pellets), ``time_mean_s``; times of one decision of the policy alone,
-``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with more percentiles, over ``decisions_timed`` samples. A row of
-one map also has the results of its rounds, in the order of the seeds: ``outcomes`` with ``end`` (a letter each,
-``ENDS``: C complete, L cleared but some lost, D caught, T time-out), ``collected``, ``time_s`` and, on several levels,
-``level``.
+Rows of a suite also have ``group`` (``test levels`` or ``given maps``), ``ghosts`` and ``worst_tenth`` (see
+:func:`worst_tenth`). Every row has ``map`` (null: all maps of the group), ``policy``, ``clyde_speed`` (m/s), ``kind``
+(``round``, or ``endless`` for endless games), ``episodes``, ``levels`` (number of different levels), ``pellets`` and
+``pellets_least`` (most and fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]:
+``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate`` (no pellet left, some lost); means per episode:
+``pellets_mean``, ``ghosts_caught_mean``/``_ci`` (bootstrap, stratified by map; 0 without power pellets),
+``time_mean_s``; times of one decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with
+more percentiles, over ``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of
+the seeds: ``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught, T time-
+out), ``collected``, ``time_s`` and, on several levels, ``level``.
 
 A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
 a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and
@@ -28,48 +30,23 @@ row of kind ``endless`` an episode is a game of many rounds; it adds ``pellets_c
 ``paired_difference``/``paired_ci``: pellets per game minus pellets per game of the reference policy (paired bootstrap).
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env import __version__
-from pacman_env.config import Config
 from pacman_env.episodes.statistics import Interval, bootstrapped_mean, paired_difference, wilson
 from pacman_env.evaluation.rounds.play import Played
-from pacman_env.evaluation.rounds.scenarios import Scenario, describe_scenario
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 SCHEMA = 3
 Row = dict[str, Any]
 ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
+LEAST_ROUNDS = 4  # least rounds of a level or map that counts for the worst tenth
 _DRAWS = 0  # the same seed for each bootstrap, so that only rounds cause differences
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
-
-
-def describe_rounds(
-    kind: str,
-    config: Config,
-    rules: tuple[str, str],
-    seed: int,
-    seeds: NDArray[np.uint64],
-    maps: Mapping[str, Scenario],
-    policies: Mapping[str, str],
-) -> dict[str, Any]:
-    """Return the first fields of results; ``rules`` are preset and execution, ``policies`` specs by name."""
-    return {
-        "schema": SCHEMA,
-        "version": __version__,
-        "kind": kind,
-        "seed": seed,
-        "seeds": [str(one) for one in seeds.tolist()],
-        "preset": rules[0],
-        "execution": rules[1],
-        "maps": [describe_scenario(name, scenario, config) for name, scenario in maps.items()],
-        "policies": [{"name": name, "spec": spec} for name, spec in policies.items()],
-        "config": config.as_dict(),
-    }
 
 
 def make_row(
@@ -93,6 +70,36 @@ def make_row(
 def compare_completion(ours: Sequence[NDArray], theirs: Sequence[NDArray]) -> tuple[float, Interval]:
     """Return our completion rate minus theirs, in rounds with the same seeds, with its interval."""
     return paired_difference(*(np.concatenate(parts)["end"] == COMPLETE for parts in (ours, theirs)))
+
+
+def worst_tenth(parts: Sequence[NDArray]) -> Row | None:
+    """Return the mean completion of the worst tenth of levels, or of maps if there are several ``parts``.
+
+    The worst tenth are the ceil(m / 10) places with the lowest completion of the m places (``places``) with at least
+    ``LEAST_ROUNDS`` rounds; all have the same weight. ``low`` is too low, most of all with few rounds per place,
+    because the same rounds choose the places and measure them. ``high`` avoids that: every second round of a place
+    chooses and the others measure, then the other way round, and the mean is taken. It is too high, because half of the
+    rounds seldom finds the worst places. Returns None if no place has enough rounds.
+    """
+    places = parts
+    if len(parts) == 1:
+        places = [parts[0][parts[0]["level"] == level] for level in np.unique(parts[0]["level"])]
+    rounds = [place["end"] == COMPLETE for place in places if len(place) >= LEAST_ROUNDS]
+    if not rounds:
+        return None
+    worst = math.ceil(len(rounds) / 10)
+    whole, first, second = (
+        np.array([one[part].mean() for one in rounds]) for part in (slice(None), slice(0, None, 2), slice(1, None, 2))
+    )
+
+    def measured(by: NDArray[np.float64], chosen_by: NDArray[np.float64]) -> float:
+        limit = np.sort(chosen_by)[worst - 1]
+        below, equal = chosen_by < limit, chosen_by == limit
+        weight = below + equal * (worst - below.sum()) / equal.sum()  # equal places share the remaining weight
+        return float(np.sum(by * weight) / worst)
+
+    high = (measured(first, second) + measured(second, first)) / 2
+    return {"places": len(rounds), "worst": worst, "low": measured(whole, whole), "high": high}
 
 
 def of_rounds(parts: Sequence[NDArray], others: Sequence[NDArray] | None = None) -> Row:

@@ -65,7 +65,7 @@ def test_replay_page_escapes_texts_of_policy(tmp_path: Path) -> None:
 
     game = RecordedGame(open_scenario("house", CONFIG), CONFIG, "nearest", episode_seeds(5, 1)[0], "<b>policy</b>")
     game.changes.append(Change("1.0 s", "pellet & more", "<script>x"))
-    text = render("replay.html.j2", title="a < b", video="", games=[game])
+    text = render("replay.html.j2", title="a < b", video="", poster="", games=[game])
     for escaped in ("&lt;b&gt;policy", "pellet &amp; more", "&lt;script&gt;x", "<h1>a &lt; b</h1>"):
         assert escaped in text
     assert "<script>x" not in text

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
-from pacman_env.evaluation.rounds.summary import Row, make_row
-from pacman_env.game.execution import DEAD, TIMEOUT
+from pacman_env.evaluation.rounds.summary import Row, make_row, worst_tenth
+from pacman_env.game.execution import COMPLETE, DEAD, TIMEOUT
 from tests.evaluation.helpers import FIVE, OTHER_FIVE, records
 
 PROMISED = {
@@ -107,3 +107,36 @@ def test_row_of_several_maps_is_stratified() -> None:
     r = make_row({}, [(one, np.ones(1)) for one in games], endless=True)
     assert (r["pellets_mean"], r["pellets_ci"], r["episodes"]) == (20.0, [20.0, 20.0], 6)
     assert "outcomes" not in r
+
+
+def on_levels(complete: np.ndarray, level: np.ndarray) -> np.ndarray:
+    rounds = records([COMPLETE if one else DEAD for one in complete], [8] * len(complete))
+    rounds["level"] = level
+    return rounds
+
+
+def test_worst_tenth_is_exact_for_known_levels() -> None:
+    """20 levels of 10 rounds; of level k the first k // 2 are completed."""
+    level = np.repeat(np.arange(20), 10)
+    complete = np.tile(np.arange(10), 20) < level // 2
+    # By rounds 0, 2, ... the first two levels are the worst, and complete nothing. By rounds 1, 3, ... the first four
+    # are equal, and two of them complete round 0.
+    expected = {"places": 20, "worst": 2, "low": 0.0, "high": pytest.approx((0.0 + 0.1) / 2)}
+    assert worst_tenth([on_levels(complete, level)]) == expected
+    # The last two levels complete their last round. By rounds 0, 2, ... they are the worst, and complete one of five
+    # others. By rounds 1, 3, ... the last four are equal, and two of them complete one of five others, two none.
+    expected |= {"low": pytest.approx(0.1), "high": pytest.approx((0.2 + 0.1) / 2)}
+    assert worst_tenth([on_levels(~complete, level)]) == expected
+
+
+def test_worst_tenth_ignores_places_with_few_rounds() -> None:
+    level = np.array([0] * 3 + [1] * 4)
+    found = worst_tenth([on_levels(level == 1, level)])
+    assert found == {"places": 1, "worst": 1, "low": 1.0, "high": 1.0}
+    assert worst_tenth([on_levels(np.ones(3), np.zeros(3))]) is None
+
+
+def test_worst_tenth_of_several_maps_counts_maps() -> None:
+    maps = [on_levels(np.array([1, 1, 0, 0]), np.arange(4)), on_levels(np.array([1, 0, 0, 0]), np.arange(4))]
+    # By rounds 1 and 3 the second map is the worst: C, D. By rounds 0 and 2 both are equal: C, D and D, D.
+    assert worst_tenth(maps) == {"places": 2, "worst": 1, "low": 0.25, "high": pytest.approx((1 / 2 + 1 / 4) / 2)}

@@ -1,9 +1,12 @@
-"""Suites of cells, read strictly from a YAML file that people edit: ``eval/suites/leaderboard.yaml``.
+"""Cells of a comparison: the rounds that all policies play under one configuration.
 
-A cell is one list of ghosts at one speed in one group of maps, which are generated test levels or given maps.
+A comparison has a cell for each map and speed of its arguments. A suite, which is read strictly from a YAML file that
+people edit (``eval/suites/leaderboard.yaml``), has a cell for each list of ghosts at each speed in each group of maps.
 """
 
+import argparse
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,13 +17,14 @@ from msgspec import Meta
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert, located
 from pacman_env.config.yaml_files import read_yaml
-from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, check_goals
+from pacman_env.evaluation.rounds import scenarios
+from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
 from pacman_env.files import shipped
 from pacman_env.plugins import offer
 
 SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
-PRESET, EXECUTION = "robot", "robust"
-TEST_LEVELS, GIVEN_MAPS = "test levels", "given maps"  # the groups of maps
+EPISODES = 200  # default number of rounds of a cell
+TEST_LEVELS, GIVEN_MAPS = "test levels", "given maps"  # the groups of maps of a suite
 _GHOSTS, _SPEED = "clyde.ghosts", "clyde.speed_mps"
 #: Fields that a suite sets by other names or cannot set.
 _OWN = (_GHOSTS, _SPEED, "randomize.clyde_speed_mps", "endless")
@@ -56,10 +60,22 @@ class Suite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Cell:
     """Rounds of all policies under one configuration: ``rounds`` on each of the scenarios."""
 
-    group: str  # TEST_LEVELS or GIVEN_MAPS
     config: Config
     scenarios: dict[str, Scenario]  # by name
     rounds: int
+    group: str | None = None  # TEST_LEVELS or GIVEN_MAPS of a suite
+
+
+def make_cells(arguments: argparse.Namespace) -> list[Cell]:
+    """Return the cells of a comparison; raises ValueError if arguments are invalid or contradict the suite."""
+    if arguments.suite is not None:
+        return _suite_cells(arguments)
+    if arguments.suites is not None:
+        raise ValueError(f"--suites {arguments.suites}: is for --suite")
+    configs = scenarios.game_configs(arguments)
+    maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs[:1])
+    rounds = arguments.episodes or EPISODES
+    return [Cell(config, {name: one}, rounds) for (name, one), config in itertools.product(maps.items(), configs)]
 
 
 def read_suites(path: Path) -> dict[str, Suite]:
@@ -78,25 +94,40 @@ def choose_suite(path: Path, name: str) -> Suite:
     return suites[name]
 
 
-def configs(suite: Suite, preset: str = PRESET) -> list[Config]:
-    """Return a configuration for every list of ghosts and every speed, ordered by ghosts, then by speed."""
-    return [
-        make_config(preset, EXECUTION, **{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
+def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
+    suite = choose_suite(arguments.suites or SUITES, arguments.suite)
+    if arguments.clyde_speed != [scenarios.CLYDE_SPEED]:
+        raise ValueError("--clyde-speed: must not be combined with --suite, whose cells have speeds")
+    if arguments.levels is not None:
+        raise ValueError(f"--levels {arguments.levels}: must not be combined with --suite, which has test levels")
+    changed = scenarios.rule_changes(arguments)
+    for field in (*_OWN, *suite.settings):
+        if field in changed or (field == "endless" and arguments.endless):
+            raise ConfigError(f"{field}: is set by --suite {arguments.suite}")
+    base = scenarios.game_configs(arguments)[0]
+    configs = [
+        base.with_fields(**{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})
         for ghosts, speed in itertools.product(suite.ghosts, suite.speeds_mps)
     ]
-
-
-def cells(suite: Suite, maps: dict[str, Scenario], preset: str = PRESET) -> list[Cell]:
-    """Return the cells of a suite; ``maps`` are the given maps by name (without any, this group is missing)."""
-    levels = Levels("test", count=suite.test_levels.levels)
-    groups: list[tuple[str, dict[str, Scenario], int]] = [
-        (TEST_LEVELS, {"generated:test": levels}, suite.test_levels.rounds)
-    ]
-    if maps:
+    levels: dict[str, Scenario] = {"generated:test": Levels("test", count=suite.test_levels.levels)}
+    groups = [(TEST_LEVELS, levels, suite.test_levels.rounds)]
+    if arguments.map:
+        maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs)
         groups.append((GIVEN_MAPS, maps, suite.real_maps.rounds))
     return [
-        Cell(group, config, places, rounds) for group, places, rounds in groups for config in configs(suite, preset)
+        Cell(config, places, arguments.episodes or rounds, group)
+        for group, places, rounds in groups
+        for config in configs
     ]
+
+
+def places(cells: Sequence[Cell]) -> dict[str, tuple[Scenario, Config]]:
+    """Return every scenario by name, with the first configuration that plays it."""
+    found: dict[str, tuple[Scenario, Config]] = {}
+    for cell in cells:
+        for name, one in cell.scenarios.items():
+            found.setdefault(name, (one, cell.config))
+    return found
 
 
 def _checked(name: str, values: Any, path: Path) -> Suite:
@@ -120,4 +151,4 @@ def _checked(name: str, values: Any, path: Path) -> Suite:
 
 def _try(field: str, changes: dict[str, Any]) -> None:
     with located(field):
-        check_goals(make_config(PRESET, EXECUTION, **changes))
+        scenarios.check_goals(make_config("robot", "robust", **changes))

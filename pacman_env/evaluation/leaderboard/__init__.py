@@ -1,1 +1,0 @@
-"""League table of policies: ``pacman-env leaderboard``."""

@@ -1,1 +1,0 @@
-"""HTML page about a comparison: ``pacman-env report``."""
