@@ -250,14 +250,14 @@ def _replay(arguments: argparse.Namespace) -> None:
     policies = scenarios.named_policies(scenarios.distinct("--policies", arguments.policies))
     wanted = scenarios.from_arguments(arguments)
     if len(wanted) > 1:
-        raise ValueError("--levels: must not be combined with --map: a round is played on one of them")
+        raise ValueError("--map: a round is played on one map")
     place = scenarios.scenario_name(wanted[0], config)
     out = arguments.out or Path(f"results/replay-{arguments.seed}.mp4")
     if out.suffix.lower() not in _SUFFIXES:
         raise ValueError(f"--out {out}: must end in one of {', '.join(_SUFFIXES)}")
     prepare(out)
     games = record_games(wanted[0], config, policies, arguments.seed)
-    level = f", level {games[0].level}" if arguments.levels else ""
+    level = f", level {games[0].level}" if isinstance(wanted[0], scenarios.Levels) else ""
     speed = f"Clyde at {config.clyde.speed_mps:g} m/s"
     title = f"Round {arguments.seed} on {place}{level}, {speed}"
     _write(out, games, title, arguments.theme)

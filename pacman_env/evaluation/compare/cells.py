@@ -98,8 +98,8 @@ def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
     suite = choose_suite(arguments.suites or SUITES, arguments.suite)
     if arguments.clyde_speed != [scenarios.CLYDE_SPEED]:
         raise ValueError("--clyde-speed: must not be combined with --suite, whose cells have speeds")
-    if arguments.levels is not None:
-        raise ValueError(f"--levels {arguments.levels}: must not be combined with --suite, which has test levels")
+    if any(isinstance(scenario, scenarios.Levels) for scenario in scenarios.from_arguments(arguments)):
+        raise ValueError(f"--map {' '.join(arguments.map)}: --suite has test levels, so --map must name other maps")
     changed = scenarios.rule_changes(arguments)
     for field in (*_OWN, *suite.settings):
         if field in changed or (field == "endless" and arguments.endless):

@@ -99,11 +99,9 @@ def replay_command(content: dict[str, Any], row: Row, number: int) -> str:
     spec = next(one["spec"] for one in content["policies"] if one["name"] == row["policy"])
     words = ["pacman-env", "replay", content["seeds"][number]]
     source = next(place for place in content["maps"] if place["name"] == row["map"])
+    words += ["--map", source["source"]]
     if "num_levels" in source:
-        words += [*source["source"].split(), "--start-level", source["start_level"]]
-        words += ["--num-levels", source["num_levels"]]
-    else:
-        words += ["--map", source["source"]]
+        words += ["--start-level", source["start_level"], "--num-levels", source["num_levels"]]
     words += ["--policies", first["spec"], spec, "--clyde-speed", row["clyde_speed"]]
     for name in ("preset", "execution", "clyde_spawn", "clyde_spawn_distance", "spacing", "time_limit"):
         words += [] if arguments[name] is None else [f"--{name.replace('_', '-')}", arguments[name]]

@@ -18,7 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.command_line.command import finite_number, whole_number
-from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings, preset_names
+from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
+from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings
 from pacman_env.config.validation import require
 from pacman_env.files import displayable, install_command
 from pacman_env.policies.base import Policy
@@ -32,6 +33,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
 CLYDE_SPEED = 0.25  # default, m/s
+_SPLITS = ("generated:train", "generated:test")
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # about 4 MB each
 _LEVELS_PER_PART = 80  # on average, as parts have equally many rounds, not levels
@@ -125,42 +127,47 @@ def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Conf
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}
     maps = scenario.open(config)
-    source = {"source": f"--levels {scenario.split}"}
-    return about | source | {"start_level": maps.start_level, "num_levels": maps.num_levels}
+    return (
+        about
+        | {"source": f"generated:{scenario.split}"}
+        | {"start_level": maps.start_level, "num_levels": maps.num_levels}
+    )
 
 
 def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
     """Add the arguments of :func:`from_arguments`; with ``several`` more than one map may be given."""
     add = parser.add_argument
-    nargs: str | int = "+" if several else 1
-    add("--map", nargs=nargs, default=[], metavar="FILE_OR_NAME", help="map to play on (house, if no levels are given)")
-    add("--levels", choices=("test", "train"), help="play on generated houses of this split; together they are a map")
-    add("--start-level", type=whole_number(0), metavar="N", help=f"first of them (test: {TEST_LEVEL}, train: 0)")
-    count_help = f"how many of them ({LEVELS_PLAYED}); each round draws one"
-    add("--num-levels", type=whole_number(1), metavar="N", help=count_help)
+    add_game_option(parser, "--map", nargs="+" if several else 1, default=[], help=f"{SIMULATED_MAP} (house)")
+    first = f"first of the generated houses (generated: 0, generated:test: {TEST_LEVEL})"
+    add("--start-level", type=whole_number(0), metavar="N", help=first)
+    add("--num-levels", type=whole_number(1), metavar="N", help=f"how many of them ({LEVELS_PLAYED})")
 
 
 def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
-    """Return the scenarios of the arguments without duplicates: maps first, then levels."""
-    for source in arguments.map:
-        if source.partition(":")[0] == "generated":
-            raise ValueError(f"--map {source}: generated houses are given as --levels test or --levels train")
-    maps: list[Scenario] = distinct("--map", arguments.map)
-    if arguments.levels is None:
+    """Return the scenarios of the arguments without duplicates."""
+    maps = distinct(
+        "--map", ["generated:train" if name == "generated" else name for name in arguments.map or ["house"]]
+    )
+    wanted: list[Scenario] = []
+    for name in maps:
+        if is_generated := name.partition(":")[0] == "generated":
+            if name not in _SPLITS:
+                raise ValueError(f"--map {name}: must be generated, {' or '.join(_SPLITS)}")
+        split, count = name.partition(":")[2], arguments.num_levels or LEVELS_PLAYED
+        wanted.append(Levels(split, arguments.start_level, count) if is_generated else name)
+    if not any(isinstance(scenario, Levels) for scenario in wanted):
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):
             if value is not None:
-                raise ValueError(f"{option}: is for --levels")
-        return maps or ["house"]
-    return [*maps, Levels(arguments.levels, arguments.start_level, arguments.num_levels or LEVELS_PLAYED)]
+                raise ValueError(f"{option}: is for --map generated or generated:test")
+    return wanted
 
 
 def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--preset``, ``--execution`` and ``--set``, for every field except Clyde's speed."""
-    add = parser.add_argument
-    add("--preset", default="robot", metavar="NAME", help=f"one of {', '.join(preset_names())} (%(default)s)")
-    add("--execution", choices=sorted(EXECUTIONS), default="robust", help="how goals are executed (%(default)s)")
-    fields = "any field of the configuration, such as clyde.ghosts=arcade,chase; may be given again"
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help=fields)
+    add_game_option(parser, "--preset")
+    executions, text = sorted(EXECUTIONS), "how goals are executed (%(default)s)"
+    parser.add_argument("--execution", choices=executions, default="robust", help=text)
+    add_game_option(parser, "--set")
 
 
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
@@ -168,15 +175,7 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
     add_scenario_arguments(parser, several=several)
     add_rule_arguments(parser)
     add = parser.add_argument
-    nargs: str | int = "+" if several else 1
-    add(
-        "--clyde-speed",
-        nargs=nargs,
-        type=finite_number(),
-        default=[CLYDE_SPEED],
-        metavar="V",
-        help=f"m/s ({CLYDE_SPEED})",
-    )
+    add_game_option(parser, "--clyde-speed", nargs="+" if several else 1, default=[CLYDE_SPEED])
     add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
     add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
     add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")

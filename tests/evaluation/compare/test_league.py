@@ -64,7 +64,7 @@ def test_suite_has_row_of_every_policy_in_every_cell(tiny: Path) -> None:
 
 
 def test_cell_equals_comparison_of_same_rounds(tiny: Path, tmp_path: Path) -> None:
-    arguments = ["--levels", "test", "--num-levels", "2", "--episodes", "12", "--clyde-speed", "0.2"]
+    arguments = ["--map", "generated:test", "--num-levels", "2", "--episodes", "12", "--clyde-speed", "0.2"]
     arguments += ["--time-limit", "60", "--spacing", "3", "--set", "clyde.ghosts=arcade,chase"]
     path = tmp_path / "out.json"
     assert main([*arguments, "--policies", "nearest", "clyde_aware", "--json", str(path)]) == 0

@@ -30,7 +30,7 @@ def test_replay_repeats_round_of_comparison(tmp_path: Path, capsys: pytest.Captu
 
 def test_replay_names_level_of_round(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record = played_on_levels("nearest")[0]
-    options = ["--levels", "test", "--num-levels", "2", "--time-limit", "40", "--policies", "nearest"]
+    options = ["--map", "generated:test", "--num-levels", "2", "--time-limit", "40", "--policies", "nearest"]
     assert main([str(record["seed"]), *options, "--out", str(tmp_path / "r.gif")]) == 0
     text = capsys.readouterr().out
     assert f"on generated:test, level {record['level']}," in text

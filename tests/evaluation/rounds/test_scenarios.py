@@ -41,9 +41,9 @@ def given(*words: str, several: bool = True) -> argparse.Namespace:
     [
         ([], ["house"]),
         (["--map", "maze", "house", "maze"], ["maze", "house"]),
-        (["--levels", "test"], [Levels("test", None, LEVELS_PLAYED)]),
-        (["--levels", "train", "--start-level", "7", "--num-levels", "3"], [Levels("train", 7, 3)]),
-        (["--map", "maze", "--levels", "test"], ["maze", Levels("test")]),
+        (["--map", "generated:test"], [Levels("test", None, LEVELS_PLAYED)]),
+        (["--map", "generated", "--start-level", "7", "--num-levels", "3"], [Levels("train", 7, 3)]),
+        (["--map", "maze", "generated:test"], ["maze", Levels("test")]),
     ],
 )
 def test_arguments_become_maps_and_levels(words: list[str], expected: list[object]) -> None:
@@ -136,7 +136,7 @@ def test_scenario_unplayable_in_one_configuration_is_refused(scenario: Scenario)
     ("scenario", "config", "expected"),
     [
         ("maze", CONFIG, {"source": "maze"}),
-        (LEVELS, LEVELS_CONFIG, {"source": "--levels test", "start_level": TEST_LEVEL, "num_levels": 2}),
+        (LEVELS, LEVELS_CONFIG, {"source": "generated:test", "start_level": TEST_LEVEL, "num_levels": 2}),
     ],
 )
 def test_scenario_description_contains_source_and_hash(scenario: Scenario, config: Config, expected: dict) -> None:
