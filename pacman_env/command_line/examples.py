@@ -33,10 +33,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "warm-up": (("warm-up", "compile before the first use, about half a minute"),),
     "compare": (
         ("compare --episodes 20", "compare the default policies on the map house"),
-        (
-            "compare --policies ppo lookahead --map generated:test --set clyde.ghosts=arcade,chase",
-            "use generated houses",
-        ),
+        ("compare --map generated:test --set clyde.ghosts=arcade,chase", "use generated houses and other ghosts"),
         ("compare --policies clyde_aware mine.onnx --json results/numbers.json", "compare your own policy; write JSON"),
         ("compare --map house maze --html results/maps.html", "write a page about two maps"),
         ("compare --suite quick --policies ppo nearest --workers 2", "print a small league table"),

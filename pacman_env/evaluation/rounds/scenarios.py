@@ -33,7 +33,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
 CLYDE_SPEED = 0.25  # default, m/s
-_SPLITS = ("generated:train", "generated:test")
+_SPLITS = ("train", "test")
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # about 4 MB each
 _LEVELS_PER_PART = 80  # on average, as parts have equally many rounds, not levels
@@ -145,16 +145,14 @@ def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) ->
 
 def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     """Return the scenarios of the arguments without duplicates."""
-    maps = distinct(
-        "--map", ["generated:train" if name == "generated" else name for name in arguments.map or ["house"]]
-    )
+    count = arguments.num_levels or LEVELS_PLAYED
+    names = arguments.map or ["house"]
     wanted: list[Scenario] = []
-    for name in maps:
-        if is_generated := name.partition(":")[0] == "generated":
-            if name not in _SPLITS:
-                raise ValueError(f"--map {name}: must be generated, {' or '.join(_SPLITS)}")
-        split, count = name.partition(":")[2], arguments.num_levels or LEVELS_PLAYED
-        wanted.append(Levels(split, arguments.start_level, count) if is_generated else name)
+    for name in distinct("--map", ["generated:train" if name == "generated" else name for name in names]):
+        kind, _, split = name.partition(":")
+        if kind == "generated" and split not in _SPLITS:
+            raise ValueError(f"--map {name}: must be generated, generated:{' or generated:'.join(_SPLITS)}")
+        wanted.append(Levels(split, arguments.start_level, count) if kind == "generated" else name)
     if not any(isinstance(scenario, Levels) for scenario in wanted):
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):
             if value is not None:
