@@ -135,7 +135,7 @@ def test_wheel_contains_exactly_package_maps_and_planners(distributions: tuple[P
     _, wheel, _ = distributions
     packed = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
-    package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("report.html", "replay.html", "chart.svg")}
+    package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("compare.html", "replay.html")}
     package |= {"pacman_env/evaluation/suites/leaderboard.yaml"}
     package |= {f"pacman_env/training/hyperparameters/{name}.yaml" for name in ("PacManBot-v1", "baselines")}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
@@ -160,14 +160,22 @@ def test_every_shipped_map_is_playable_from_wheel(played: dict[str, Any], site: 
 def test_installed_command_compares_policies_in_empty_folder(site: Path, tmp_path: Path) -> None:
     """With workers, to which blocks of rounds are pickled by the names of the installed package."""
     script = [sys.executable, str(site / "bin" / "pacman-env")]
-    few = ["--episodes", "2", "--endless", "0", "--speeds", "0.3", "--variant", "--set", "time_limit_s=20"]
-    run(*script, "report", *few, "--policies", "nearest", "--workers", "1", cwd=tmp_path, site=site)
-    assert "<svg" in (tmp_path / "results" / "report.html").read_text()
     short = ["--episodes", "2", "--time-limit", "20", "--policies", "nearest", "random_pellet", "--workers", "2"]
-    out = run(*script, "compare", *short, "--json", "results/numbers.json", cwd=tmp_path, site=site)
+    out = run(
+        *script,
+        "compare",
+        *short,
+        "--json",
+        "results/numbers.json",
+        "--html",
+        "results/page.html",
+        cwd=tmp_path,
+        site=site,
+    )
     assert "written: results/numbers.json, results/numbers.png" in out
+    assert "<table" in (tmp_path / "results" / "page.html").read_text()
     found = {path.name for path in (tmp_path / "results").iterdir()}
-    assert found == {"numbers.json", "numbers.parts", "numbers.png", "report.html", "report.parts"}
+    assert found == {"numbers.json", "numbers.parts", "numbers.png", "page.html"}
 
 
 @pytest.mark.daily

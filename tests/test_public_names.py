@@ -25,13 +25,24 @@ PUBLIC = {
 DOCUMENTED = {name: thing for name, thing in PUBLIC.items() if callable(thing)}  # constants have no docstring
 SHAPE = re.compile(r"\(\w+(, \w+)*,?\)")  # (N,), (N, C), (H, W, 3)
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-GRADER = ("checks.py", "child.py", "grade.py", "student.py")  # of the exercises: a program, not an example
+#: Programs, not examples for users: the grader of the exercises, and research on the inside of planner and simulator.
+PROGRAMS = (
+    "checks.py",
+    "child.py",
+    "grade.py",
+    "student.py",
+    "tune.py",
+    "adversary.py",
+    "bound.py",
+    "blocks.py",
+    "pursuit.py",
+)
 SOURCES = {
     **{f"{page.name}-{k}": example for page in PAGES for k, example in enumerate(examples(page))},
     **{
         str(path.relative_to(ROOT)): path.read_text()
         for path in sorted((ROOT / "docs").rglob("*.py"))
-        if path.name not in GRADER
+        if path.name not in PROGRAMS
     },
 }
 

@@ -100,6 +100,8 @@ def _build(assets: MapAssets) -> CoarseArrays:
     blocks = np.full(len(clyde.position), -1, dtype=np.int32)
     blocks[cells] = ghost_block
     unit_m = max(float(np.float32(lengths.max() / _MM)), 1.0) / _LONGEST  # all blocks are connected
+    units = _in_units(lengths, unit_m)
+    del lengths  # the largest array: 5.6 MB on the map house
     return CoarseArrays(
         affine=grid.affine,
         snap=grid.snap,
@@ -112,7 +114,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
         goal_xy=assets.goal_xy,
         ghost_block=blocks,
         ghost_xy=clyde.position[cells[ghost_place]],
-        ghost_length=_in_units(lengths, unit_m),
+        ghost_length=units,
         unit_m=np.array([unit_m]),
         ghost_joined=joined,
         ghost_next=packed(ghost_next, joined.shape[1]),
