@@ -1,1 +1,1 @@
-"""What all commands share: the frame of a command, options from dataclasses, examples in help texts."""
+"""Provide what all commands share: errors in one line, shared options, examples in help texts."""

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 
 from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command, whole_number
-from pacman_env.config import ConfigError, parse_settings, preset_names
+from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
+from pacman_env.config import ConfigError, parse_settings
 from pacman_env.engine.cache_folder import package_hash
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.envs.registration import FLAT_ID, IDS
@@ -90,17 +91,16 @@ def make_parser() -> Parser:
     )
     add = parser.add_argument
     add("name", help="name of the data set, such as pacman-env/lookahead-v0; its folder is ROOT/NAME")
-    add("--policy", default="lookahead", metavar="POLICY", help="policy name, .onnx file or checkpoint (%(default)s)")
+    policy = "policy: a name, an .onnx file or a checkpoint"
+    add_game_option(parser, "--policy", default="lookahead", help=policy)
     add("--id", default=FLAT_ID.removeprefix(_PREFIX), metavar="ID", help="id of the environment (%(default)s)")
-    add("--map", metavar="FILE_OR_NAME", help="map: a file, a name, generated or generated:test (from the id)")
+    add_game_option(parser, "--map", default=None, help=f"{SIMULATED_MAP} (from the id)")
     kinds = f"kinds of the observation: {', '.join(KINDS.names())}; flat joins them to one array (from the id)"
     add("--observation", nargs="+", metavar="KIND", help=kinds)
-    add("--ghosts", nargs="+", metavar="BEHAVIOUR", help="behaviour of each ghost, or a policy name (from the id)")
-    add("--preset", default="robot", metavar="NAME", help=f"preset: one of {', '.join(preset_names())} (%(default)s)")
-    setting = "configuration setting, such as observation.candidates=all; repeatable"
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help=setting)
+    add_game_option(parser, "--ghosts", help="behaviour or policy of each ghost (from the id)")
+    for option in ("--preset", "--set", "--seed"):
+        add_game_option(parser, option)
     add("--episodes", type=whole_number(1), default=1000, metavar="N", help="rounds or endless games (%(default)s)")
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
     add("--root", type=Path, default=Path("results/datasets"), metavar="FOLDER", help="(%(default)s)")
     add_executor_arguments(parser)
     return parser

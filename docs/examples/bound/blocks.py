@@ -97,15 +97,15 @@ def _moves(start: NDArray[np.int64], ends: NDArray[np.int64], square: NDArray[np
     """
     near = [set(ends[start[k] : start[k + 1]].tolist()) for k in range(len(square))]
     moves = []
-    for block, beside in enumerate(near):
-        reached = np.array(sorted(beside.union(*(near[k] for k in beside))), dtype=np.int64)
+    for block, around in enumerate(near):
+        reached = np.array(sorted(around.union(*(near[k] for k in around))), dtype=np.int64)
         apart = np.abs(square[reached] - square[block])
         moves += [(block, int(a.min()), int(to)) for to, a in zip(reached, apart, strict=True) if a.max() == 1]
     return np.array(sorted(moves), dtype=np.int64).reshape(-1, 3)
 
 
 def _targets(nearest: NDArray[np.int32], apart: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the ghosts' blocks ``nearest`` (B, 5) to a block's place and sides without those that are not apart."""
+    """Return the ghosts' blocks ``nearest`` (B, 5) to a block's place and sides but drop blocks that are not apart."""
     targets = np.full_like(nearest, -1)
     for row, blocks in zip(targets, nearest, strict=True):
         count = 0

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from pacman_env.command_line.command import Parser, count, run_command, whole_number
+from pacman_env.command_line.game_options import add_game_option
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import heat_map, league
 from pacman_env.evaluation.compare.cells import EPISODES, Cell, make_cells, places
@@ -44,9 +45,9 @@ def make_parser() -> Parser:
     suite = "play the cells of this suite, on test levels and the maps of --map: full, brief, quick, ..."
     add("--suite", metavar="NAME", help=suite)
     add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
-    rounds = f"rounds or games per map, speed and policy ({EPISODES}, or those of the suite)"
+    rounds = f"rounds or games per map, speed and policy ({EPISODES}, or the suite's)"
     add("--episodes", type=count(), metavar="N", help=rounds)
-    add("--seed", type=whole_number(0), default=0, metavar="S", help="seed that generates all round seeds (0)")
+    add_game_option(parser, "--seed")
     add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="threads of each process; 0: one per core (1)")
     add("--resume", action="store_true", help="load the stored rounds and play only the missing ones")

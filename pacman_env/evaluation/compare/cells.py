@@ -98,7 +98,8 @@ def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
     suite = choose_suite(arguments.suites or SUITES, arguments.suite)
     if arguments.clyde_speed != [scenarios.CLYDE_SPEED]:
         raise ValueError("--clyde-speed: must not be combined with --suite, whose cells have speeds")
-    if any(isinstance(scenario, scenarios.Levels) for scenario in scenarios.from_arguments(arguments)):
+    given = scenarios.from_arguments(arguments)
+    if any(isinstance(scenario, Levels) for scenario in given):
         raise ValueError(f"--map {' '.join(arguments.map)}: --suite has test levels, so --map must name other maps")
     changed = scenarios.rule_changes(arguments)
     for field in (*_OWN, *suite.settings):
@@ -112,7 +113,7 @@ def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
     levels: dict[str, Scenario] = {"generated:test": Levels("test", count=suite.test_levels.levels)}
     groups = [(TEST_LEVELS, levels, suite.test_levels.rounds)]
     if arguments.map:
-        maps = scenarios.named_scenarios(scenarios.from_arguments(arguments), configs)
+        maps = scenarios.named_scenarios(given, configs)
         groups.append((GIVEN_MAPS, maps, suite.real_maps.rounds))
     return [
         Cell(config, places, arguments.episodes or rounds, group)
