@@ -1,5 +1,6 @@
 """Settings that hold for every test."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
@@ -38,6 +39,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((k for k, name in enumerate(LONGEST) if path.endswith(f"tests/{name}")), len(LONGEST))
 
     items.sort(key=place)
+
+
+def pytest_collection_finish() -> None:
+    """Modules and collected tests stay to the end: no collection of garbage looks at them again."""
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)

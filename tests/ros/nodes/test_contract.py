@@ -101,7 +101,7 @@ BAD_STOPS = ("release", "{}", '{"stopped": 0, "at": 99, "who": "", "by": ""}', "
 BAD_SPEEDS = (math.nan, -1.0, math.inf)
 BAD_POSES = (pose(math.nan), pose(1.0, frame="odom"), pose(1.0, w=0.0), pose(1e9))
 BAD_MARKERS = (
-    markers_of(dict.fromkeys(range(10_001), (0.0, 0.0)), STAMP),
+    topics.PELLET_MARKERS.type(markers=markers_of({5: (0.0, 0.0)}, STAMP).markers * 10_001),
     markers_of({-1: (0.0, 0.0)}, STAMP),
     markers_of({5: (math.nan, 0.0)}, STAMP),
     markers_of({5: (1.0, 0.0)}, STAMP, frame="odom"),

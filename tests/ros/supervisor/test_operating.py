@@ -316,7 +316,8 @@ def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
     assert max(len(line) for line in text.splitlines()) <= COLUMNS
 
 
-def test_second_game_is_refused_by_nodes_of_first(game: Game) -> None:
+def test_second_game_is_refused_by_nodes_of_first(game: Game, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pacman_env.ros.supervisor.up.GOING_S", 0.5)  # nobody stops the first
     game.in_menu()
     second = ask("up", "--map", "house", "--policy", "nearest")
     assert second.status == 2
