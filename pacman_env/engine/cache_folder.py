@@ -1,16 +1,23 @@
 """Folders of the cache, for compiled code and prepared maps; imports no compiler."""
 
+import ast
 import contextlib
 import functools
 import hashlib
+import importlib.metadata
 import os
+import shutil
+import sys
+import time
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
-from ..files import user_folder
+from .._version import __version__
+from ..files import replaced, user_folder
 
-_PACKAGE = Path(__file__).resolve().parents[1]
+PACKAGE = Path(__file__).resolve().parents[1]
+_KEPT_S = 30 * 86400.0  # lifetime of unused code
 _KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # in addition to the package's top modules
 
 
@@ -44,35 +51,57 @@ def check_kept() -> None:
 
 
 @functools.cache
-def source_hash() -> str:
-    """Return a hash of the sources that prepare maps, 12 hexadecimal digits; compiled code has its own keys."""
-    rooms = (path for room in _KERNEL_ROOMS for path in (_PACKAGE / room).rglob("*.py"))
-    return _hash_of([*_PACKAGE.glob("*.py"), *rooms])
+def package_hash() -> str:
+    """Return a hash of all sources of the package, 12 hexadecimal digits."""
+    return _hash_of((path, path.read_bytes()) for path in PACKAGE.rglob("*.py"))
 
 
 @functools.cache
-def package_hash() -> str:
-    """Return a hash of all sources of the package, 12 hexadecimal digits."""
-    return _hash_of(_PACKAGE.rglob("*.py"))
+def source_hash() -> str:
+    """Return a hash of the code that kernels and prepared maps depend on, without its comments and docstrings.
+
+    The cache keeps it for these files, because parsing them takes a quarter of a second.
+    """
+    paths = [*PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (PACKAGE / room).rglob("*.py"))]
+    known = cache_dir() / f"sources-{_hash_of((path, path.read_bytes()) for path in paths)}"
+    with contextlib.suppress(OSError):
+        return known.read_text()
+    trees = {path: ast.parse(path.read_bytes()) for path in paths}
+    for node in (node for tree in trees.values() for node in ast.walk(tree)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
+            del node.body[0]
+    found = _hash_of((path, ast.dump(tree).encode()) for path, tree in trees.items())
+    with contextlib.suppress(OSError), replaced(known) as temporary:
+        temporary.write_text(found)
+    return found
 
 
-def _hash_of(paths: Iterable[Path]) -> str:
+def _hash_of(contents: Iterable[tuple[Path, bytes]]) -> str:
     digest = hashlib.sha256()
-    for path in sorted(paths):
-        digest.update(path.relative_to(_PACKAGE).as_posix().encode())
-        digest.update(path.read_bytes())
+    for path, content in sorted(contents):
+        digest.update(path.relative_to(PACKAGE).as_posix().encode() + content)
     return digest.hexdigest()[:12]
 
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """Return the folder of compiled code, which may be read-only; warn and return None if it cannot be created."""
+    """Return the folder of code compiled from these sources, which may be read-only; None, with a warning, without one.
+
+    When it is created, folders that were not used for ``_KEPT_S`` are removed.
+    """
     try:
-        folder = cache_dir() / "kernels"
-        folder.mkdir(parents=True, exist_ok=True)
+        compiler = f"{sys.implementation.cache_tag}-numba{importlib.metadata.version('numba')}"
+        folder = cache_dir() / "kernels" / f"{__version__}-{compiler}-{source_hash()}"
+        if not folder.exists():
+            folder.mkdir(parents=True)
+            for other in folder.parent.iterdir():
+                if time.time() - other.stat().st_mtime > _KEPT_S:
+                    shutil.rmtree(other, ignore_errors=True)
     except OSError as error:
         warn_unkept(error)
         return None
+    with contextlib.suppress(OSError):
+        os.utime(folder)  # mark as recently used
     return folder
 
 
@@ -81,5 +110,5 @@ def mark(name: str) -> Path | None:
     folder = kernel_folder()
     if folder is None:
         return None
-    file = folder / f"{name}-{source_hash()}"
+    file = folder / name
     return file if file.exists() or os.access(folder, os.W_OK) else None

@@ -1,6 +1,4 @@
-"""Delay Ctrl-C and SIGTERM during code that must not be interrupted, and end a process with its parent.
-
-Examples are imports of modules with C parts, and LLVM, which calls Python and drops exceptions raised there."""
+"""Delay Ctrl-C and SIGTERM during code that must not be interrupted, and end a process with its parent."""
 
 import contextlib
 import os
@@ -8,63 +6,34 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from types import FrameType
 from typing import Any
-
-_originals: dict[int, Any] = {}  # handlers of the delayed signals
-_waiting: list[int] = []  # signals received meanwhile
 
 
 @contextlib.contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Delay signals with Python handlers to the end of the block, even inside another such block."""
-    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
-        yield
-        return
-    outermost = not _originals
-    if outermost:
-        _wait_for({number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)})
+    """Delay signals with Python handlers to the end of the block.
+
+    Examples are imports of modules with C parts, and LLVM, which calls Python and drops exceptions raised there.
+    """
+    received: list[int] = []
+    handlers: dict[int, Any] = {}
+
+    def delay(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+
+    if threading.current_thread() is threading.main_thread():  # only the main thread gets signals
+        found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {number: handler for number, handler in found.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, delay)
     try:
         yield
     finally:
-        handlers = dict(_originals)
-        if outermost:
-            _restore()
-        _handle(handlers)
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """Handle signals at once again, inside of :func:`uninterrupted`."""
-    if not _originals or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handlers = _restore()
-    _handle(handlers)
-    try:
-        yield
-    finally:
-        _wait_for(handlers)
-
-
-def _wait_for(handlers: dict[int, Any]) -> None:
-    for number, handler in handlers.items():
-        if callable(handler):  # otherwise the system's default, or ignored
-            _originals[number] = handler
-            signal.signal(number, lambda number, frame: _waiting.append(number))
-
-
-def _restore() -> dict[int, Any]:
-    handlers = dict(_originals)
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    _originals.clear()
-    return handlers
-
-
-def _handle(handlers: dict[int, Any]) -> None:
-    while _waiting:
-        number = _waiting.pop(0)
-        handlers[number](number, None)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in received:
+            handlers[number](number, None)
 
 
 def end_with(parent: int) -> None:

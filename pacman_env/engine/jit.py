@@ -1,9 +1,10 @@
-"""Decorator that compiles numeric kernels, with a cache on disk (``kernel_key.py``, ``kernel_cache.py``)."""
+"""Decorator that compiles numeric kernels, with a cache on disk (``kernel_cache.py``)."""
 
 import functools
 import types
 import typing
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
@@ -14,7 +15,7 @@ from numba.core import types as numba_types
 
 from .cache_folder import kernel_folder
 from .callees import Callee
-from .kernel_cache import KernelCache, take_turns
+from .kernel_cache import keep_code
 from .native import operation
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -27,8 +28,8 @@ _RULES = ("pacman_env.game.", "pacman_env.rng")
 def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
     """Compile ``function``, and game rules that it calls, with Numba: nopython mode, IEEE arithmetic (no fastmath).
 
-    ``cached=False`` is for functions from outside the package: two functions of a process may have the same name, but
-    symbols in cached machine code must be unique. ``allocates=False`` is for :func:`table_kernel`.
+    ``cached=False`` is for functions from outside the package, of which two may have the same name, and whose sources
+    are unknown. ``allocates=False`` is for :func:`table_kernel`.
     """
     require_compiler()
     options = {} if allocates else {"_nrt": False}
@@ -37,9 +38,8 @@ def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
     )
     callee = Callee(typing.cast(Any, compiled))
     compiled.get_call_template, compiled.get_overload = callee.get_call_template, callee.get_overload  # type: ignore[attr-defined]
-    if cached and (folder := kernel_folder()) is not None:
-        compiled._cache = KernelCache(typing.cast(Any, compiled), folder)  # type: ignore[attr-defined]
-        take_turns(compiled)
+    if cached and Path(function.__code__.co_filename).is_file() and kernel_folder() is not None:
+        keep_code(compiled)
     return compiled
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from pacman_env.engine.interrupts import interruptible, uninterrupted
+from pacman_env.engine.interrupts import uninterrupted
 
 BOTH = pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=lambda number: number.name)
 
@@ -33,12 +33,8 @@ def handled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @BOTH
-@pytest.mark.parametrize(
-    ("inner", "expected"),
-    [(nullcontext, ["begun", "ended", "outer"]), (uninterrupted, ["begun", "ended"]), (interruptible, ["begun"])],
-    ids=["none", "inner", "wait"],
-)
-def test_signal_waits_for_end_of_block_except_in_waits(number: int, inner: Any, expected: list[str]) -> None:
+@pytest.mark.parametrize("inner", [nullcontext, uninterrupted], ids=["none", "inner"])
+def test_signal_waits_for_end_of_outermost_block(number: int, inner: Any) -> None:
     done = []
 
     @uninterrupted()
@@ -51,14 +47,14 @@ def test_signal_waits_for_end_of_block_except_in_waits(number: int, inner: Any, 
 
     with pytest.raises(Asked):
         work()
-    assert done == expected
+    assert done == ["begun", "ended", "outer"]
     with pytest.raises(Asked):
         signal.raise_signal(number)
 
 
 def test_handlers_are_restored_without_a_signal() -> None:
     before = signal.getsignal(signal.SIGINT)
-    with uninterrupted(), interruptible(), uninterrupted():
+    with uninterrupted(), uninterrupted():
         pass
     assert signal.getsignal(signal.SIGINT) is before
 

@@ -47,15 +47,17 @@ def test_extended_record_compiles_without_a_warning() -> None:
 
 @pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
 def test_changed_source_changes_the_hash(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert (cache_folder._PACKAGE / file).is_file()
-    monkeypatch.setattr(cache_folder, "_PACKAGE", tmp_path)
+    assert (cache_folder.PACKAGE / file).is_file()
+    monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(cache_folder, "PACKAGE", tmp_path)
     path = tmp_path / file
     path.parent.mkdir(parents=True, exist_ok=True)
-    hashes = set()
-    for text in ("A = 1", "A = 2"):
+    hashes = []
+    for text in ("A = 1", "A = 2", "# A comment.\nA = 2", '"""A docstring."""\n\nA = 2'):
         path.write_text(text)
-        hashes.add(cache_folder.source_hash.__wrapped__())
-    assert len(hashes) == 2
+        hashes.append(cache_folder.source_hash.__wrapped__())
+    assert len(set(hashes)) == 2
+    assert hashes[0] != hashes[1]
 
 
 @kernel

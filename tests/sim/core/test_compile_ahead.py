@@ -8,9 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.engine.native import RANGE
 from pacman_env.sim.core import compile_ahead
-from pacman_env.sim.core.ticks import play
 from tests.waiting import PATIENCE_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -55,16 +53,11 @@ def test_helper_ends_silently_with_its_parent(parent: subprocess.Popen[str], kil
 
 def test_nothing_starts_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "cores", lambda: 1)
-    monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: tmp_path)
+    monkeypatch.setattr(compile_ahead, "mark", lambda name: tmp_path / name)
     assert compile_ahead.begin() is None
     assert not list(tmp_path.iterdir())
 
 
 def test_nothing_starts_without_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(compile_ahead, "kernel_folder", lambda: None)
+    monkeypatch.setattr(compile_ahead, "mark", lambda name: None)
     assert compile_ahead.begin() is None
-
-
-def test_helper_compiles_what_a_batch_runs() -> None:
-    compile_ahead.main(os.getppid())
-    assert RANGE in play.overloads

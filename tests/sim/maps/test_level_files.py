@@ -178,7 +178,9 @@ from pacman_env.sim.maps.level_source import GeneratedMaps
 print(GeneratedMaps(make_config(), 0, 100).prepare(4).assets.occupancy.hash)
 """
     environment = {**os.environ, "PACMAN_ENV_CACHE": str(cache)}
-    (cache / "kernels").symlink_to(str(cache_folder.kernel_folder()))
+    kernels = cache_folder.kernel_folder()
+    assert kernels is not None
+    (cache / "kernels").symlink_to(kernels.parent)
     both = [
         subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, env=environment)
         for _ in range(2)
