@@ -121,7 +121,7 @@ def use_device(name: str) -> str:
     """Set torch up for reproducible training; raises ValueError if the device cannot be used."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of sums varies
     torch.set_deterministic_debug_mode("error")  # use_deterministic_algorithms imports a compiler for two seconds
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
+    torch.utils.deterministic.fill_uninitialized_memory = False  # none is read
     torch.set_num_threads(1)  # the learner has its own threads
     torch.empty(31 << 20, dtype=torch.uint8)  # after this, glibc reuses large blocks (5 times faster)
     if name.partition(":")[0] not in ("cpu", "cuda"):
