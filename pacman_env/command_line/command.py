@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar
 from pacman_env.command_line.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command, reason
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # lists the extras
@@ -57,7 +57,7 @@ class Parser(argparse.ArgumentParser):
         """Suggest the nearest choice, like argparse since Python 3.14."""
         if action.choices is not None and value not in action.choices:
             choices = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {offer(str(value), choices)}")
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {suggest(str(value), choices)}")
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")

@@ -89,7 +89,7 @@ class GameRunner:
         self.__dict__.update(state)
         if self.begun:
             self._games.maps_changed(np.arange(self.batch.n))
-            self._games.look()
+            self._games.observe()
             self._refresh()
 
     @property
@@ -132,7 +132,7 @@ class GameRunner:
         self._games.maps_changed(index)
         if not in_step:
             self._games.take_turns()
-        self._games.look(index if in_step else None)
+        self._games.observe(index if in_step else None)
         self._refresh()
         self.begun = True
 

@@ -33,7 +33,7 @@ class ObservedGames:
         for observer in self._observers:
             observer.maps_changed(index)
 
-    def look(self, index: Indices | None = None) -> None:
+    def observe(self, index: Indices | None = None) -> None:
         """Observe all games, or only those in ``index`` (M,)."""
         self.observer.observe(index=index)
 
@@ -75,7 +75,7 @@ class ObservedGames:
                 actions, _ = self.observer.chosen(actions)
             self.batch.step(actions, ghost_choices, plays)
         self.take_turns()
-        self.look()
+        self.observe()
 
     def _play_stages(self) -> list[Stage]:
         """Return the stages that play a decision; actions refer to candidates as the last observation lists them."""

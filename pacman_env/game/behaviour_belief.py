@@ -79,7 +79,7 @@ def taken_for(belief):  # type: ignore[no-untyped-def]
     return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE
 
 
-def forget(ghost):  # type: ignore[no-untyped-def]
+def reset_belief(ghost):  # type: ignore[no-untyped-def]
     """Reset the belief about a ghost, after a teleport or at the start of a round."""
     for k in range(len(PRIOR)):
         ghost.belief[k] = PRIOR[k]

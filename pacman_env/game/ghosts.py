@@ -15,7 +15,7 @@ from ..config import Config, ConfigError
 from ..plugins import PluginError, Registry
 from ..rng import CLYDE, below, stream
 from ..rng import GHOSTS as GHOST_STREAMS
-from .behaviour_belief import BELIEVED, forget
+from .behaviour_belief import BELIEVED, reset_belief
 
 
 class Ghost(NamedTuple):
@@ -172,7 +172,7 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     ghost.vx, ghost.vy = 0.0, 0.0
     ghost.place = -1
-    forget(ghost)
+    reset_belief(ghost)
 
 
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]

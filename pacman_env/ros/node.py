@@ -314,7 +314,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
             for make in makes:
                 nodes.append(make())
             running, stop.breaks_off = True, False
-            settle()
+            release_memory()
             _spin(nodes, stop, longest_s)
         except KeyboardInterrupt:
             pass  # no node with last messages exists yet
@@ -374,7 +374,7 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
         executor.shutdown()
 
 
-def settle() -> int:
+def release_memory() -> int:
     """Release memory that only the start needed, and return the number of released mappings."""
     gc.collect()
     gc.freeze()  # otherwise a collection takes 10 ms because of a compiler's tables

@@ -183,7 +183,7 @@ class Deliveries:
         statuses = [deque([_ANY]) for server in self._with_statuses if server.statuses_name == name]
         return statuses + [self._latched[one] for one in publishers if one in self._latched and one.topic_name == name]
 
-    def forget(self, member: Member) -> None:
+    def discard(self, member: Member) -> None:
         self.queue = deque(one for one in self.queue if one.member is not member)
         for publisher in member.node.publishers:
             self._latched.pop(publisher, None)

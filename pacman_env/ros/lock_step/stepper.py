@@ -94,7 +94,7 @@ class LockStep:
             member.node.once.summary()
         member.present = False
         self.members.remove(member)
-        self.messages.forget(member)
+        self.messages.discard(member)
         member.executor.shutdown()
         member.node.destroy_node()
         self.messages.entities_changed()

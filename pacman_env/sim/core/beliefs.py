@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ...engine.jit import kernel
-from ...game.behaviour_belief import ANY_PLACE, forget, update_belief, update_standing
+from ...game.behaviour_belief import ANY_PLACE, reset_belief, update_belief, update_standing
 from ...world.navigation.grid import cell_of
 from ..maps.level import level_arrays
 
@@ -21,7 +21,7 @@ _STANDS_TICKS = 3
 _STANDS_SHARE = 0.2  # a ghost stands if it moves less than this share of its speed
 
 #: Version for calls from Python.
-forget_ghost = kernel(forget)
+reset_ghost_belief = kernel(reset_belief)
 
 
 @kernel

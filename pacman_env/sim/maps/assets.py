@@ -249,7 +249,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
     chosen = list(given)
     for k in range(len(given) + config.spread - 1):
         length_cm, _ = fields.to(chosen[k])
-        farthest = _come_nearer(nearest, length_cm, roomy)
+        farthest = _lower_lengths(nearest, length_cm, roomy)
         if k + 1 == len(chosen):
             if nearest[farthest] <= 0:
                 break
@@ -258,7 +258,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 
 @kernel
-def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
+def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
     """Lower ``nearest`` to the path lengths to one more place, and return the roomy cell that is then farthest."""
     farthest, most = 0, -1
     for k in range(len(nearest)):

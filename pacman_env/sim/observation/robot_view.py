@@ -17,7 +17,7 @@ from ...game.pellets import generate_pellets
 from ...game.power import HARMLESS_UNTIL
 from ...world.navigation.grid import cell_of
 from ..core import kernels
-from ..core.beliefs import forget_ghost, watch
+from ..core.beliefs import reset_ghost_belief, watch
 from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level import Level
@@ -79,7 +79,7 @@ class RobotView:
         count = len(config.clyde.ghosts)
         self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
-        self._forget()
+        self._reset_beliefs()
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # only the last cell of each ghost's path is known
         self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
@@ -99,15 +99,15 @@ class RobotView:
         )
 
     def begin(self) -> None:
-        """Start a round: forget beliefs and distances of the last one."""
+        """Start a round: reset beliefs and distances."""
         self._games["tick"] = 0
         self._games["closing"] = 0.0
         self._seen_s = None
-        self._forget()
+        self._reset_beliefs()
 
-    def _forget(self) -> None:
+    def _reset_beliefs(self) -> None:
         for ghost in self._ghosts[0]:
-            forget_ghost(ghost)
+            reset_ghost_belief(ghost)
 
     @property
     def unseen(self) -> list[str]:
@@ -132,7 +132,7 @@ class RobotView:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
         else:  # first observation, teleport, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
-            forget_ghost(ghost)
+            reset_ghost_belief(ghost)
         ghost["x"], ghost["y"] = x, y
         self._obstacles[0, number, :2] = x, y
         self._stamp_ns[number] = stamp_ns
@@ -212,7 +212,7 @@ class RobotView:
         g["tick"] += 1
         return situation
 
-    def rehearsal(self, player: int = -1) -> Situation:
+    def sample_situation(self, player: int = -1) -> Situation:
         """Return a situation at the home pose with all pellets, to warm up a policy; this view does not change."""
         other = RobotView(self.assets, self._config, levels=self._levels)
         x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()

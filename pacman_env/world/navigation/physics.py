@@ -221,7 +221,7 @@ class Spaces:
                 self._owners[k] = _FREE
         self._space_of[robots] = _NONE
 
-    def forget(self, level: int) -> None:
+    def delete_spaces(self, level: int) -> None:
         """Delete the spaces of a level, whose walls will change; no robot may be in them."""
         for k in np.flatnonzero(self._levels == level).tolist():
             self._levels[k], self._spaces[k] = _NONE, None

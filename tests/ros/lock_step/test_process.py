@@ -41,5 +41,5 @@ def test_final_process_is_not_started_again(tmp_path: Path) -> None:
     group = ProcessGroup(lambda name: [name], tmp_path, environment, print, final=("silent",))
     group.start("silent")
     with pytest.raises(Lost, match="silent ended with status 70: goal_selector has not answered"):
-        wait_for(group.tend, "the end")
+        wait_for(group.restart_dead, "the end")
     group.stop()
