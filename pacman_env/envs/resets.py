@@ -80,7 +80,11 @@ class ManyGames(BaseEnv):
         self._next: list[np.uint64 | None] = [None] * self.num_envs  # next seeds, drawn early to prepare levels
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
-        """Start new episodes in the games of the mask (None: all) and return their indices; check everything first."""
+        """Start new episodes in the games of ``mask`` (N,) (None: all) and return their indices (M,).
+
+        ``seed`` and ``options`` are arguments of ``reset``, ``mask_name`` names the mask in errors, and ``more`` are
+        options that the caller handles. Everything is checked before anything changes.
+        """
         request = ResetOptions.of(options, self.num_envs, *more)
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
@@ -109,7 +113,10 @@ class ManyGames(BaseEnv):
         return mask
 
     def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
-        """Return copies (N,) of the observations of the games ``ended``, which later steps may overwrite; else None."""
+        """Return an object array (N,) with copies of the last observations of the games ``ended``, else None.
+
+        Later steps may overwrite the observations themselves.
+        """
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
             last[i] = deepcopy(self._runner.of_game(observations, i))

@@ -27,14 +27,17 @@ ARRIVED_M = 1.0
 
 
 def evidence(share):  # type: ignore[no-untyped-def]
-    """Return the likelihood of a move of a ghost with a target that it approached by ``share`` of the move's length."""
+    """Return the likelihood that a ghost with a target makes a move that brings it nearer to the target.
+
+    ``share`` is the length by which the path to the target became shorter, relative to the length of the move.
+    """
     if share >= _TOWARDS_FROM:
         return _TOWARDS
     return _ACROSS if share >= _ACROSS_FROM else _AWAY
 
 
 def update_belief(belief, places_share, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
-    """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move of a ghost.
+    """Update ``belief`` (4,), probabilities in the order of ``BELIEVED``, after a move of a ghost.
 
     Args:
         places_share: share of its possible places that the ghost approached; 0: none.
@@ -54,11 +57,12 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
 
 
 def update_standing(belief, robot_m):  # type: ignore[no-untyped-def]
-    """Update ``belief`` about a ghost that did not move, at a distance of ``robot_m`` m from the robot."""
+    """Update ``belief`` (4,) about a ghost that did not move, at a distance of ``robot_m`` m from the robot."""
     weigh(belief, _ARRIVED if robot_m <= ARRIVED_M else _STANDS)
 
 
 def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
+    """Multiply ``belief`` (4,) by ``likelihoods`` (4,), normalize it, and mix in a little of ``PRIOR``."""
     total = 0.0
     for k in range(len(belief)):
         belief[k] *= likelihoods[k]
@@ -80,7 +84,7 @@ def taken_for(belief):  # type: ignore[no-untyped-def]
 
 
 def reset_belief(ghost):  # type: ignore[no-untyped-def]
-    """Reset the belief about a ghost, after a teleport or at the start of a round."""
+    """Set a ghost's belief to ``PRIOR``, after a teleport or at the start of a round."""
     for k in range(len(PRIOR)):
         ghost.belief[k] = PRIOR[k]
     ghost.seen_cell = -1

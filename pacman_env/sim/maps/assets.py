@@ -259,7 +259,10 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 @kernel
 def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Lower ``nearest`` to the path lengths to one more place, and return the roomy cell that is then farthest."""
+    """Lower ``nearest`` (K,) to the path lengths to one more place, ``length_cm`` (K,).
+
+    Return the cell of the mask ``roomy`` (K,) that is then farthest.
+    """
     farthest, most = 0, -1
     for k in range(len(nearest)):
         nearest[k] = min(nearest[k], length_cm[k])
@@ -277,6 +280,7 @@ def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int
 
 @kernel
 def _put(number, affine, position, cells):  # type: ignore[no-untyped-def]
+    """Write each number in ``cells`` to the element of ``number`` (H, W) under its position (K, 2), m."""
     rows, columns = number.shape
     for k in cells:
         x, y = position[k]

@@ -173,7 +173,7 @@ class RobotView:
         return self.goals.slot.get(pellet, self.goals.candidates) < self.goals.candidates
 
     def off_the_map(self, x: float, y: float) -> bool:
-        """Return True if a position, m, is far from all drivable cells."""
+        """Return True if a position, m, is more than ``_AWAY_M`` from all drivable cells."""
         grid = self.assets.grid
         column, row = cell_of(grid.affine, *grid.shape, x, y)
         near = self.assets.cell_xy[grid.snap[row, column]]

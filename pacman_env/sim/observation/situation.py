@@ -195,6 +195,7 @@ def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[
 
 @kernel
 def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
+    """Call :func:`list_nearest` for each situation: write ``order`` (N, K)."""
     for i in range(len(kind)):
         list_nearest(kind[i], mask[i], path[i], current[i], pellets, refuges, order[i])
 

@@ -157,7 +157,11 @@ def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float3
 
 @kernel
 def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
-    """Convert distances to m; rounding the squares to whole numbers removes OpenCV's varying last bit."""
+    """Convert distances (H, W) from cells to m.
+
+    Squared distances between cells are whole numbers. They are rounded first, because OpenCV's last bit differs between
+    machines.
+    """
     rounded = np.empty(distance.shape, np.float32)
     for row in range(len(distance)):
         for column in range(distance.shape[1]):

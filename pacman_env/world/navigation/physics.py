@@ -155,6 +155,7 @@ def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
+    """Copy the numbers of the body to a space, a row of the space table, and step it by ``seconds``."""
     store_int(space[_GIVE_COUNT], 0)
     call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
     call_step(calls[_STEP], space[_HANDLE], seconds)

@@ -41,6 +41,7 @@ class Fields(NamedTuple):
 
 @kernel
 def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
+    """Return the drivable cell nearest to (x, y), m."""
     column, row = cell_of(fields.affine, fields.snap.shape[0], fields.snap.shape[1], x, y)
     return fields.snap[row, column]
 
@@ -124,6 +125,7 @@ def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArr
 
 @kernel
 def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
+    """Return True if (x, y), m, is too near to an obstacle (G, 5)."""
     for k in range(len(obstacles)):
         dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
         if dx * dx + dy * dy < obstacles[k, 2] * obstacles[k, 2]:
