@@ -115,7 +115,7 @@ def _entry_points(group: str) -> Mapping[str, EntryPoint]:
     return _entry_points_on(tuple(sys.path)).get(group, {})
 
 
-@functools.cache  # reading the metadata of all installed packages takes 20 to 40 ms
+@functools.cache  # reading the metadata of all installed packages is slow
 def _entry_points_on(path: tuple[str, ...]) -> Mapping[str, Mapping[str, EntryPoint]]:
     """Return all entry points by group and name; the first on the path if several have one name."""
     from importlib import metadata  # imported here because importing the package does not need it

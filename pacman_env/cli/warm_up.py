@@ -73,7 +73,7 @@ def _prepare_houses(count: int) -> None:
 
 
 def _compiler() -> str:
-    """Return a hash of versions and processor, which Numba's cache distinguishes."""
+    """Return a hash of what Numba's cache distinguishes: versions and the processor."""
     import numba
     from numba.core.registry import cpu_target
 

@@ -81,10 +81,10 @@ def run_command(
 
 
 def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> int:
-    """Return the exit status of ``work``; errors become one line on stderr and status 2, Ctrl-C one line and 130."""
+    """Run ``work`` and return its exit status; after an error, print one line and return 2 (Ctrl-C: 130)."""
     try:
         status = work() or 0
-        sys.stdout.flush()  # here a failure can still be reported
+        sys.stdout.flush()  # at the end of the interpreter nothing would report a failure
         return status
     except (KeyboardInterrupt, SystemError) as error:  # Numba turns Ctrl-C in compiled code into a SystemError
         if not any(isinstance(one, KeyboardInterrupt) for one in (error, error.__cause__)):

@@ -58,7 +58,7 @@ def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
 
 
 def address(array: NDArray[Any]) -> int:
-    return array.ctypes.data  # also for records, 5 times as fast as __array_interface__
+    return array.ctypes.data  # also for records, faster than __array_interface__
 
 
 def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
@@ -158,7 +158,7 @@ def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
     """Return a function for kernels that takes a :class:`Table`'s address and returns the tuple of its arrays.
 
-    A call of this function from Python takes 16 us.
+    A call of this function from Python is slow.
     """
     tuple_type = _numba_type(kind)
 

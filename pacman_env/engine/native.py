@@ -73,7 +73,7 @@ def call_range(context, builder, signature, function, table, first, last):  # ty
     return builder.select(builder.icmp_signed("==", status, _HALF(0)), builder.load(result), WORD(-1))
 
 
-@functools.cache  # Numba takes as long as the decisions of a hundred games
+@functools.cache  # Numba looks it up slowly
 def address_of_kernel(kernel: Any) -> int:
     """Return the address of a kernel ``(table, first, last) -> int64``, compiled if necessary."""
     if RANGE not in kernel.overloads:

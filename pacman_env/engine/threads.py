@@ -4,8 +4,7 @@ A job is a kernel ``(table, first, last) -> int64``, given by address, and a ran
 thread works on its own parts first and then on parts of others, so a thread that is late, or missing after a fork, only
 costs time. A thread waits for the next job briefly in machine code, then in Python until it is woken.
 
-Speed-up over a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with 1,024. Speed-up
-by working on parts of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads on busy cores).
+Below 1,024 games this is faster than a ``ThreadPoolExecutor`` (``benchmarks/history.md``).
 """
 
 import os

@@ -91,7 +91,7 @@ class Guarded:
 
 
 def _drop_lost_calls() -> None:
-    """Drop the calls of threads that a fork did not copy; games that such a call changed need a reset."""
+    """Drop calls whose threads do not exist after a fork; games that a dropped call was changing need a reset."""
     for one in list(_objects.values()):
         calls, me = one._guard.calls, get_ident()
         if calls and calls[-1][0] != me and calls[-1][2] and one._runner is not None:

@@ -15,10 +15,10 @@ Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]  # observations, Ends an
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
-    """Return the infos as new arrays (N,) from a batch's ``summary``, whose rows ``kernels.SUMMARY`` names.
+    """Return the infos as new arrays (N,) from a batch's ``summary`` (8, N), in the order of ``kernels.SUMMARY``.
 
-    ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64
-    if a seed given to a reset does not fit into int64.
+    ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64 if
+    a seed given to a reset does not fit into int64.
     """
     summary = summary.copy()
     result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))

@@ -77,7 +77,7 @@ class GoalExecutor:
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
         if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):
-            return []  # the referee has not received the end; otherwise it disables first
+            return []  # the referee has not received the end: it would send "disable" before the next "enable"
         self.statuses.end = ""
         if word == "reset_round":
             self.round.reset()

@@ -118,7 +118,7 @@ class UnacknowledgedStatuses:
         return repeated
 
     def _is_answered(self, report: _Report) -> bool:
-        """Return True if the game counts such reports, as far as known."""
+        """Return True if the game acknowledges such reports, as far as this side knows."""
         return (self._counted if isinstance(report, str) else self._caught_before) is not None
 
     def _word(self, report: _Report) -> str:
@@ -191,7 +191,7 @@ class RobotRound:
             record.spawned = record.collected + record.lost + int(self._left.sum())
             if shown.any() and record.end != DEAD:
                 record.end = RUNNING
-                if self.statuses.end == "game_complete":  # it was not complete
+                if self.statuses.end == "game_complete":  # withdraw the report: the round is not complete
                     self.statuses.end = ""
         if shown[: self.goals.candidates].any() or unknown or not playing:
             self.empty_s = None

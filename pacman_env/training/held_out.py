@@ -83,7 +83,7 @@ class HeldOut:
         self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
-        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves ghosts of this name."""
+        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves the learned ghosts."""
         tasks = []
         for lineup, rows in self.rows.items() if len(self.seeds) else ():
             names = behaviours(lineup)

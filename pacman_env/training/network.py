@@ -50,7 +50,7 @@ def joined(parts: Iterable[PackedSituations]) -> PackedSituations:
 
 
 class _Maximum(torch.autograd.Function):
-    """Maximum over candidates; equal maxima share the gradient. Twice as fast as ``amax``."""
+    """Maximum over candidates; equal maxima share the gradient. Faster than ``amax``."""
 
     @staticmethod
     def forward(ctx: Any, encoded: torch.Tensor) -> torch.Tensor:

@@ -63,12 +63,12 @@ class Match:
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde, show, config.power)
-        self._gained = 0  # score of the last tick
+        self._gained = 0  # points gained in the last tick
         self._lives = _LIVES
         self._retry: tuple[int, int, int] | None = None  # round, score and seed of a person's next try
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # number of the frame
-        self._key: Any = None  # content of the frame
+        self._key: Any = None  # everything that decides the content of the frame; a change gives the frame a new number
 
     @property
     def state(self) -> str:

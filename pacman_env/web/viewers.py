@@ -128,7 +128,7 @@ class Audience:
         self.viewers: list[Viewer] = []
         self.pictures: dict[int, bytes] = {}  # pictures by revision of the scene
         self._game, self._most, self._people = game, most, people
-        self._options_due = False  # a new person is the only one
+        self._options_due = False  # True: reset the options at the next poll, because a person came to an unused page
         self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None

@@ -96,7 +96,7 @@ def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
 
 
 def about_group(content: dict[str, Any], cell: Sequence[Row]) -> str:
-    """Return what the rounds of a group's cells are played on, and how many there are."""
+    """Return a sentence with the maps and the number of rounds of a group of cells."""
     rounds = f"{_count(cell[0]['episodes'], 'round')} a cell and policy"
     levels = next(place for place in content["maps"] if "num_levels" in place)
     if cell[0]["map"] == levels["name"]:

@@ -43,7 +43,7 @@ SETTINGS = np.dtype(
         ("near_m", np.float64),
     ]
 )
-DEAD = -1000.0  # value of a first choice that always leads to death, plus the s until then
+DEAD = -1000.0  # value of a first choice that always leads to death, plus the seconds until then
 PRUNED = -500.0  # added if no line was followed to the end
 
 

@@ -80,9 +80,10 @@ class Bag:
 
 @contextlib.contextmanager
 def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
-    """Open the game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file.
+    """Open a recording: a folder, or its ``.mcap`` or ``.db3`` file.
 
-    Raises BagError if the bag cannot be read or differs from its checksums.
+    ``namespace`` selects the robot; it may be None if the bag contains one robot. Raises BagError if the bag cannot be
+    read or differs from its checksums.
     """
     try:
         reader = Reader(path)

@@ -86,7 +86,7 @@ class RobotState:
         self.clear()
 
     def clear(self) -> None:
-        """Delete all state of a robot that is gone, so that nothing of it is shown."""
+        """Delete the state of a robot that has disappeared, so that the page does not show it."""
         self.belief = BelievedPose(_POSE_TIMEOUT_S)
         self.map: MapPicture | None = None
         self.plan: NDArray[np.float64] = np.zeros((0, 2))

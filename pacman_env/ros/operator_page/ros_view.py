@@ -177,7 +177,10 @@ def _number(game: PublishedGame, name: str) -> float:
 
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
-    """Return the alerts that need a person, without seconds, because a scene contains lasting facts."""
+    """Return the alerts that need a person.
+
+    Their texts contain no seconds, because they belong to the scene, which seldom changes.
+    """
     troubles, silent = node.game.troubles, {} if node.game.state is None else node.game.unresponsive
     remedies = {**REMEDIES, **dict.fromkeys(map(NO_RESPONSE.format, silent), START_AGAIN)}
     if node.sim:

@@ -72,7 +72,7 @@ class PoseWatch:
             self._seen.popleft()
 
     def expect_jump_to(self, pose: Pose) -> None:
-        """Note a pose set by a person: a jump to it is expected, and answered once the pose agrees."""
+        """Expect a jump to a pose set by a person; the jump is answered once the believed pose agrees with it."""
         chain = self._believed.chain()
         self._given = pose, None if chain is None else chain.travelled
 

@@ -128,7 +128,7 @@ class Selection:
         return [number for number in pellets if not self.view.is_candidate(number)]
 
     def on_count(self, use: Callable[[int], None], least: int, message: Any, now: float) -> None:
-        """Pass a number of the referee, which is ``least`` or more, to ``use``."""
+        """Pass the referee's number in a message, at least ``least``, to ``use``."""
         use(int(number_of(message, least, 2**31 - 1)))
 
     def on_spawned(self, message: Any, now: float) -> None:

@@ -60,6 +60,7 @@ class GhostArrays(NamedTuple):
     search: Any = SearchArrays
 
 
+#: In the kernels ``path`` (L,) are the cells of a ghost, ``level`` the arrays of its map, and ``table`` this address.
 _arrays = arrays_by_address(GhostArrays)
 
 

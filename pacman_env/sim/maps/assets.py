@@ -148,7 +148,7 @@ def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, floa
 def _keep_freed_memory() -> None:
     """Make glibc keep up to 62 MB of freed memory for later arrays, by freeing one large array.
 
-    Otherwise an eighth of the time for preparing houses is spent on requesting memory from the system.
+    Otherwise preparing houses spends much of its time on requesting memory from the system.
     """
     np.empty(31 << 20, dtype=np.uint8)
 
@@ -238,7 +238,7 @@ def choose_refuges(
 
 
 def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: RefugeConfig) -> list[int]:
-    """Return cells by farthest-point sampling with path lengths, starting from the given cells."""
+    """Return cells by farthest-point sampling with path lengths, starting from the cells ``given``."""
     if config.spread == 0:
         return []
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]

@@ -27,7 +27,7 @@ from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
 _AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
 _JUMP_M = 0.5  # a longer jump than this beyond the ghost's speed counts as a teleport
-_BESIDE = 1.2  # cells: at this distance from a cell, its straight or diagonal neighbour is nearest
+_BESIDE = 1.2  # cells: a point this far behind a cell is nearest to the neighbour behind it, straight or diagonal
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,9 @@ class Seen:
     pose_age_s: float = 0.0
     masked: Collection[int] = ()  # forbidden candidates
     pursued: int = -1  # current candidate, -1: none
-    harmless_s: NDArray[np.float64] | None = None  # (G, 2) for how long each ghost is harmless and away; None: not
+    harmless_s: NDArray[np.float64] | None = (
+        None  # (G, 2) for how long each ghost is harmless and away; None: no ghost is
+    )
 
 
 class RobotView:
@@ -139,7 +141,7 @@ class RobotView:
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """Return the last cell that a ghost passed; ghosts move in straight lines between cells."""
+        """Return the last cell that a ghost passed, if it moves in straight lines between adjacent cells."""
         cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
         nearest, _ = cells.nearest(*at)
         ahead = cells.position[nearest] - at
@@ -166,7 +168,7 @@ class RobotView:
         return Pellets(known, tuple(unknown))
 
     def nearest_ghost_m(self, at: tuple[float, float]) -> float:
-        """Return the straight distance to the nearest ghost that is not harmless, m."""
+        """Return the straight distance, m, from a place to the nearest ghost that is not harmless."""
         return float(kernels.nearest(*at, self._obstacles[0], np.int32(self._games["step"][0]))[1])
 
     def is_candidate(self, pellet: int) -> bool:

@@ -88,7 +88,7 @@ class Situation:
         return self.fright[:, :, HARMLESS] > 0.0
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        """Create an array view at its first use, because creating all views takes as long as a step."""
+        """Create an array view at its first use: a step needs few views, and creating all takes long."""
         block = self.__dict__.get("_block")
         if block is None or name not in LAYOUT.fields:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")

@@ -20,7 +20,7 @@ Shape = tuple[int, float, float, float, float, float]
 
 _MARGIN_PX = (6, 45)  # range of the margin between the building and each edge of the image
 _CELL, _CELL_ASKEW = 5, 7  # chamfer distances
-_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1's lattice at 2 m from pixel (0, 0), and the wanted number of pellets
+_LATTICE_PX, _PLACES = 40, 5  # px between pellets of Algorithm 1's lattice (2 m), and the wanted number of pellets
 _PLACE_CLEARANCE = 8 * _CELL  # half diagonal of a pellet's free square
 _CROPS = 4  # attempts to crop
 _STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything

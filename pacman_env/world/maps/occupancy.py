@@ -175,7 +175,7 @@ class OccupancyMap:
             MapError: ``image`` is not a valid name, or no image of this type gives this grey and occupancy.
             OSError: a file cannot be written.
         """
-        import cv2  # 16 MB, not needed for reading a PGM
+        import cv2  # large, and not needed for reading a PGM
 
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()

@@ -242,7 +242,7 @@ def build_grid(
     res = occupancy.resolution
     free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
     free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
-    # Cells farther from all free cells have no effect.
+    # A cell farther than ``keep`` from every free cell has no effect.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
     r0, r1, c0, c1 = _frame(free, keep)
     free = free[r0:r1, c0:c1]

@@ -20,7 +20,7 @@ from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 PATH_POINTS = 64
 _PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next one plus the controller's look-ahead
 _ON_PATH = 0.15  # largest distance in m from the path at which the rest of a plan is kept
-_DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the path when the robot gets there
+_DETOUR_AHEAD_CM = 200  # a ghost farther along the path has moved before the robot gets there
 _SEARCH_M2 = 20.0  # largest area to search for a detour
 _SEARCH_CELLS_MAX = 60000
 _PUSHES = 8  # each searched cell pushes at most its neighbours
