@@ -138,7 +138,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
         self.env.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return one picture per game, or None, with a warning, if ``render_mode`` is None."""
+        """Return one picture (H, W, 3) per game, or None, with a warning, if ``render_mode`` is None."""
         if self.env.render_mode is None:
             warnings.warn("the render mode is None, pass render_mode='rgb_array' to get pictures", stacklevel=2)
         return self._of_games("render")

@@ -105,7 +105,7 @@ class Table:
 
     @classmethod
     def of_memory(cls, kind: type[tuple[Any, ...]], numbers: NDArray[np.int64], memory: NDArray[np.uint8]) -> "Table":
-        """Create a table from ``numbers`` that contain offsets in ``memory`` instead of addresses."""
+        """Create a table from ``numbers`` in which offsets in ``memory``, bytes, replace the addresses."""
         table = cls.__new__(cls)
         table._memory = kind, numbers, memory
         table.numbers = numbers.copy()

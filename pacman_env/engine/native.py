@@ -1,6 +1,7 @@
 """Operations for kernels beyond Numba's language: memory and functions by address, counters shared by threads.
 
-Addresses are arguments, never constants, because machine code on disk must not contain them.
+Addresses are arguments, never constants, because machine code on disk must not contain them. A code generator gets
+Numba's context, an LLVM builder, the types of the call, and its arguments as LLVM values.
 """
 
 import functools

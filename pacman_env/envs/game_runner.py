@@ -119,7 +119,7 @@ class GameRunner:
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
-        """Start episodes in the games ``index``; with ``in_step`` the last situation may be overwritten."""
+        """Start episodes in the games ``index`` (M,); with ``in_step`` the last situation may be overwritten."""
         self.elapsed_s[index] = 0.0
         self._steps[index] = 0
         self.cut[index] = False
@@ -190,7 +190,7 @@ class GameRunner:
         return reward, terminated, truncated
 
     def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
-        """Truncate episodes at the step limit; with one agent also terminated ones, like Gymnasium's ``TimeLimit``."""
+        """Truncate episodes (N,) at the step limit, with one agent also terminated ones, like ``TimeLimit``."""
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
         if most is not None:
             self._steps += 1

@@ -28,7 +28,7 @@ def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
 
 
 def info(summary: Indices, numeric: bool = False) -> dict[str, Any]:
-    """Return the infos of the first game as Python numbers."""
+    """Return the infos of the first game, column 0 of ``summary`` (8, N), as Python numbers."""
     result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
     if result["round_seed"] < 0:  # the summary stores the bits of a uint64
         result["round_seed"] += 2**64

@@ -104,7 +104,7 @@ class ManyGames(BaseEnv):
         return index
 
     def _follow(self, ended: Indices) -> None:
-        """Start the next episodes in the games ``ended``, whose last observations may be overwritten."""
+        """Start the next episodes in the games ``ended`` (M,), whose last observations may be overwritten."""
         self._runner.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
     def _mask(self, index: Indices) -> Flags:
@@ -123,7 +123,10 @@ class ManyGames(BaseEnv):
         return last
 
     def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:
-        """Return the seeds of new episodes, and announce the next seeds to the batch so that it prepares their maps."""
+        """Return the seeds (M,) of new episodes in the games ``index`` (M,).
+
+        Announce the seeds after these to the batch, so that it prepares their maps.
+        """
         batch = self.batch
         if request.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
             return request.seeds(index, self._generators)

@@ -84,7 +84,7 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
     if TRANSPORTS in environment or "ransport" in profiles:
         return
     environment[TRANSPORTS] = "UDPv4"
-    if not files:  # with LOCALHOST, ROS always adds shared memory; this profile gives it no port
+    if not files:  # the profile disables shared memory, which ROS would otherwise add if LOCALHOST is set
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 

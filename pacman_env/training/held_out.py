@@ -105,7 +105,7 @@ class HeldOut:
         return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
 
     def learned(self) -> NDArray[np.int64]:
-        """Return the numbers of the rounds with a ghost that a member of the league moves."""
+        """Return the numbers (M,) of the rounds with a ghost that a member of the league moves."""
         numbers = np.arange(len(self.seeds))
         parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
         return np.concatenate([*parts, numbers[:0]])

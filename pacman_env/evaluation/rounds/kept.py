@@ -232,6 +232,6 @@ def _concatenated(pieces: Sequence[Played]) -> Played:
 
 
 def _in_order(seeds: NDArray[np.uint64], records: NDArray, times: NDArray[np.float64]) -> Played:
-    """Return the records of these seeds in their order, without other records."""
+    """Return the records (E,) with these ``seeds`` (E,), in their order, and the times (T,), ms."""
     place = {seed: number for number, seed in enumerate(records["seed"].tolist())}
     return records[[place[seed] for seed in seeds.tolist()]], times

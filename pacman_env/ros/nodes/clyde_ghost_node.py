@@ -175,7 +175,7 @@ class ClydeGhostNode(GameNode):
         return 2
 
     def _choices(self) -> NDArray[np.int64]:
-        """Return the candidate to which a policy sends each ghost; the last candidate lets a ghost wander."""
+        """Return the candidate (G,) to which a policy sends each ghost; the last candidate lets a ghost wander."""
         choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:

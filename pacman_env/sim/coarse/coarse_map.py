@@ -124,7 +124,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
 
 
 def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
-    """Convert lengths in mm to whole units of ``unit_m`` m, rounded up."""
+    """Convert lengths (A, A) in mm to whole units of ``unit_m`` m, rounded up: the lower triangle, row by row."""
     units = (np.arange(length.max() + 1) / _MM).astype(np.float32) / np.float32(unit_m) - np.float32(1e-3)
     return np.asarray(_look_up(length, np.minimum(np.ceil(units), _LONGEST).astype(np.uint16)))
 
@@ -211,7 +211,7 @@ def _label_blocks(square, neighbours):  # type: ignore[no-untyped-def]
 def joined_blocks(
     block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return ``start`` and ``ends``: the blocks adjacent to block a are ``ends[start[a] : start[a + 1]]``."""
+    """Return ``start`` (B + 1,) and ``ends``: the blocks adjacent to block a are ``ends[start[a] : start[a + 1]]``."""
     joined = np.zeros((count, count), dtype=np.bool_)
     _join(block, neighbours, joined)
     np.fill_diagonal(joined, False)

@@ -123,7 +123,7 @@ def new_behaviour_arrays(ghosts: int) -> BehaviourArrays:
 
 
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
-    """Write the target of ghost k, computed from its view."""
+    """Write the target of ghost k to the ``BehaviourArrays`` at ``table``, computed from its view; return 0."""
     a = behaviour_arrays(table)
     constants = reals_at(a.behaviours[k, 1], CONSTANTS)
     view = view_of(k, a.ghosts[k], a.robots[k], a.corners[k])

@@ -26,7 +26,7 @@ reset_ghost_belief = kernel(reset_belief)
 
 @kernel
 def apart_cm(a, b):  # type: ignore[no-untyped-def]
-    """Return a lower bound of the path length between two places in cm, from their path lengths to all goals.
+    """Return a lower bound of the path length between two places in cm, from their path lengths (G,) to all goals.
 
     Paths avoid walls and are not always the shortest, so the true length can be shorter. With the preset `robot` this
     happens in 2 to 15 % of the pairs of a place and a goal, by at most 1.3 m on three of five maps and 4.2 m on one.

@@ -140,7 +140,7 @@ def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, u
 
 @kernel
 def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
-    """Return True if a candidate is allowed: a remaining pellet or refuge without back-off after an abort, or hold."""
+    """Return True if a candidate is allowed: hold, or a remaining pellet or refuge without back-off after an abort."""
     # Without branches, because a processor cannot predict which pellets are left.
     is_refuge = (candidate >= p.pellet_slots) & (candidate - p.pellet_slots < g.refuges)
     is_hold = candidate == p.pellet_slots + p.refuge_slots
@@ -211,7 +211,10 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
-    """Run one controller step, which sets the force on the body for the next physics step."""
+    """Run one controller step, which sets the force on the body for the next physics step.
+
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``clearance`` (H, W) is in cm.
+    """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)
     else:

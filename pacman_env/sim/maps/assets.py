@@ -215,7 +215,7 @@ def _build(
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
-    """Return ``length_cm`` and ``next_step`` for all goals; a goal without a cell (-1) is unreachable."""
+    """Return ``length_cm`` (K, G) and ``next_step`` (G, K) for all goals; a goal without a cell (-1) is unreachable."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)
     next_step = np.empty((goals, count), dtype=np.int16)

@@ -99,7 +99,7 @@ def planner_stage(
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
-    """Prepare the maps in ``slots`` for the prediction."""
+    """Prepare the maps in ``slots`` (M,) for the prediction."""
     for level in maps_of(situation).levels(slots):
         level.add_coarse_steps()
 

@@ -26,7 +26,7 @@ from .situation import Situation
 from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
 _AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
-_JUMP_M = 0.5  # a longer jump than this beyond the ghost's speed counts as a teleport
+_JUMP_M = 0.5  # a move that exceeds the ghost's speed by more than this counts as a teleport
 _BESIDE = 1.2  # cells: a point this far behind a cell is nearest to the neighbour behind it, straight or diagonal
 
 
@@ -141,7 +141,7 @@ class RobotView:
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """Return the last cell that a ghost passed, if it moves in straight lines between adjacent cells."""
+        """Return the last cell that a ghost passed on its way between two adjacent cells."""
         cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
         nearest, _ = cells.nearest(*at)
         ahead = cells.position[nearest] - at

@@ -105,7 +105,7 @@ class Situation:
         return tuple(getattr(self, name) for name in LAYOUT.fields)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
-        """Return the situations at ``index`` as a smaller batch."""
+        """Return the situations at ``index`` (M,), or in a slice, as a smaller batch."""
         arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 

@@ -1,7 +1,8 @@
 """Local controller of the simulated Nav2: converts a plan to wheel speeds and a force on the body.
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
-Clyde. Kernels work on one game's record ``g``.
+Clyde. Kernels work on one game's record ``g`` and its plan ``path`` (PATH_POINTS, 2), m. ``p`` is a record of
+``PARAMETERS``, v and w are m/s and rad/s, and ``clearance`` (H, W) is in cm.
 """
 
 import math
@@ -73,7 +74,7 @@ class Obstacles(NamedTuple):
 
 @kernel
 def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return the cost in m of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
+    """Return the cost, m, of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
 
     ``_SAMPLES`` points of the arc are tested. A point inside the inscribed radius, or inside Clyde's region, is only
     admissible if it is not worse than the robot's position, which lets the robot get out.
@@ -123,7 +124,7 @@ def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _angle(x, y):  # type: ignore[no-untyped-def]
-    """Return atan2(y, x), rad, with an error of at most 0.004 rad, in less time."""
+    """Return atan2(y, x), rad, with an error of at most 0.004 rad, faster than ``math.atan2``."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(max(ax, ay), 1e-12)
     angle = t * (0.25 * math.pi + 0.273 * (1.0 - t))

@@ -115,7 +115,7 @@ class DriveGrid:
 
 @kernel
 def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
-    """Return the cell with the centre nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
+    """Return the number in ``cell_id`` (H, W) nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
     rows, columns = cell_id.shape
     number = -1
     least = np.inf
@@ -184,7 +184,7 @@ def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfi
 
 
 def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
-    """Return the row range and column range (ends excluded) of the set cells with a margin."""
+    """Return the row range and column range (ends excluded) of the set cells of a mask (H, W), with a margin."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return 0, mask.shape[0], 0, mask.shape[1]
@@ -307,7 +307,7 @@ def build_grid(
 
 @kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Return column and row of a world position in m, clipped to the grid."""
+    """Return column and row of a world position in m, clipped to the grid; ``affine`` (6,) maps m to cells."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

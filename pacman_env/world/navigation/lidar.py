@@ -23,7 +23,7 @@ _NORMAL = (_NORMAL / _NORMAL.std()).astype(np.float32)
 
 @kernel
 def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-untyped-def]
-    """Lengthen each ray, in cells, by the clearance at its end; rays outside the grid keep growing."""
+    """Lengthen ``ranges`` (R,), in cells, by the clearance at the ends of the rays; outside the grid they grow."""
     rows, columns = clearance_cm.shape
     for k in range(len(ranges)):
         t = ranges[k]

@@ -225,7 +225,7 @@ def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the length of each step in cells, float32."""
+    """Return the length (S,) of each step (S, 2), columns and rows, in cells, float32."""
     return np.hypot(steps[:, 0], steps[:, 1]).astype(np.float32)
 
 

@@ -3,7 +3,8 @@
 The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
 the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5). The
 columns are x, y (m), the distance to keep, which the planner fills in (0: ignored), and the step until which it is no
-obstacle; the planner does not use the last column.
+obstacle; the planner does not use the last column. ``fields`` are :class:`Fields`, ``p`` is a record of ``PARAMETERS``,
+and (bx, by) the believed position, m.
 """
 
 import math
@@ -48,7 +49,7 @@ def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
-    """Return True if the static path from ``cell`` to the goal passes the region around the obstacle at (cx, cy)."""
+    """Return True if the static path to the goal passes within ``keepout``, m, of an obstacle at (cx, cy)."""
     cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     distance_cm = math.sqrt(dx * dx + dy * dy) * 100.0
@@ -75,7 +76,7 @@ def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-de
 
 @kernel
 def _follow_field(g, path, count, cell, p, fields):  # type: ignore[no-untyped-def]
-    """Append the static path from ``cell``, up to the written length of a plan, and return the number of points."""
+    """Append the static path from ``cell`` to a plan of ``count`` points, and return the new count."""
     cell_xy, next_step, goal = fields.cell_xy, fields.next_step, g.nav_goal
     enough = int(_PATH_METRES / (1.2 * p.resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, g.nav_at + enough)
