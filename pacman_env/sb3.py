@@ -174,7 +174,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
         return [results[i] for i in self._indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Return True for each game if the wrapper is ``Monitor`` and this class does its work."""
+        """Return for each game True if ``wrapper_class`` is ``Monitor`` and this class does the work of ``Monitor``."""
         return [self._monitor and wrapper_class is Monitor] * len(self._indices(indices))
 
     def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:

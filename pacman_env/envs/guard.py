@@ -84,7 +84,7 @@ class Guarded:
 
     @exclusive
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state; until it is copied or lost, exclusive calls of other threads are refused."""
+        """Return the state; exclusive calls of other threads are refused until it is copied or discarded."""
         state: Any = super().__getstate__()
         self._guard.copying = get_ident(), id(sys._getframe(2)), weakref.ref(mark := {"copying"})
         return {**{key: state[key] for key in state if key != "_guard"}, "_mark": mark, "_guard": self._guard}

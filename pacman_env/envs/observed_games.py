@@ -65,7 +65,7 @@ class ObservedGames:
         ghost_choices: Indices | None,
         plays: Flags | None,
     ) -> None:
-        """Play one decision with Python between the ticks, for ghost policies and endless games."""
+        """Play one decision, actions (N,) or (N, 2), with Python between ticks (ghost policies, endless games)."""
         if self._by_event:
             self.batch.step_until_due(*self.observer.chosen(actions), choose)
         else:

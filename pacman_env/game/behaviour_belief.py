@@ -13,9 +13,9 @@ COMES = 0.5  # probability above which a ghost counts as approaching the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
-#: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0,
-#: 0.0 to 0.02 and 0.0. But moves across come in series, if the robot's believed position jumps or the ghost goes round
-#: an obstacle, so a single one carries little information.
+#: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0
+#: (towards), 0.0 to 0.02 (across) and 0.0 (away). But moves across come in series, while the ghost goes round an
+#: obstacle or after a jump of the robot's believed position, so a single one carries little information.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place

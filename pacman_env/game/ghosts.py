@@ -183,8 +183,8 @@ def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
     """Draw a cell uniformly from the cells that the ghost can reach from ``cell``.
 
-    ``part`` (K,) is the connected part of each cell; part p has the cells part_cells[part_start[p] : part_start[p +
-    1]].
+    ``part`` (K,) is the connected part of each cell. The cells of part p are in ``part_cells`` (K,), from
+    ``part_start[p]`` to ``part_start[p + 1]``.
     """
     p = part[cell]
     first, last = part_start[p], part_start[p + 1]

@@ -163,7 +163,7 @@ class _Descriptions:
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """Describe the choices of a policy with ``spec`` as plain data: a planner's file, or names, code and base."""
+    """Describe a policy as plain data that decides its choices: a planner's file, or names, code and base policy."""
     about: dict[str, Any] = {}
     kind = type(policy)
     if isinstance(policy, LearnedPlanner):

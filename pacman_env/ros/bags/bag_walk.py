@@ -43,7 +43,7 @@ class Follower(Protocol):
         """Handle a message on ``game_status``."""
 
     def end(self, at_s: float, state: str, situation: Situation | None) -> None:
-        """Handle the end of a round; ``state`` is the game's, ``situation`` None if the robot's pose is unknown."""
+        """Handle the end of a round: the game's new state, and the situation (None if the robot's pose is unknown)."""
 
 
 class Walk:

@@ -107,7 +107,7 @@ class LockStep:
         """Handle the end of a node that ended by itself."""
 
     def close(self) -> None:
-        """End the remaining nodes without last messages, and ROS."""
+        """End the remaining nodes without last messages, then ROS."""
         if self._closed:
             return
         self._closed = True

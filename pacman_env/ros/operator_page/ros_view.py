@@ -141,7 +141,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     configuration, clyde = game.configuration.get("configuration", {}), _defaults().clyde
     behaviours = (configuration.get("clyde") or {}).get("ghosts") or clyde.ghosts
     named = {k: str(behaviours[k])[:100] if k < len(behaviours) else "" for k in sorted(game.ghosts)}
-    preset, settings = nearest_preset(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
+    preset, settings = preset_of(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
     home = condition.get("home")
     power = [k for k, pellet in enumerate(pellets) if pellet in game.power_pellets]
     return {
@@ -198,7 +198,7 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
 
 
 @lru_cache(maxsize=4)
-def nearest_preset(text: str) -> tuple[str, dict[str, Any]]:
+def preset_of(text: str) -> tuple[str, dict[str, Any]]:
     """Return the preset nearest to a configuration (JSON), and the differences by dotted names."""
     configuration, fields_by_preset = json.loads(text), {}
     for preset, execution in product(PRESETS, EXECUTIONS):

@@ -50,7 +50,7 @@ _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
-    """Set which situation :func:`write_situations` fills next, for the robot's policy (-1) or ghost ``player``."""
+    """Write to ``request`` (1,) which situation to fill next: the robot's (``player`` -1) or ghost ``player``'s."""
     block, *lengths = situation.block()
     request[0] = (address(block), *lengths, player)
 

@@ -205,7 +205,8 @@ def _home_cell(
 ) -> tuple[int, int]:
     """Return the wished cell if the robot can stand there, otherwise the one with most clearance in the largest part.
 
-    Unless ``any_part``, the wished cell must be in a part large enough for a game: at least a quarter of the largest.
+    ``labels`` and ``clearance`` are (H, W), ``areas`` the sizes of the parts, and cells are (column, row). Unless
+    ``any_part``, the wished cell must be in a part large enough for a game: at least a quarter of the largest.
     """
     column, row = wished
     rows, columns = labels.shape

@@ -266,9 +266,7 @@ def test_unresponsive_process_is_restarted_with_limits(
         before = group.ids()
         group.restart("stubborn", "no answer")
         assert said.count("stubborn is started again: no answer") == count
-        wait_for(
-            lambda before=before: group.restart_dead() == [] and group.ids().items() - before.items(), "another process"
-        )
+        wait_for(lambda old=before: group.restart_dead() == [] and group.ids().items() - old.items(), "another process")
     assert not any("was killed" in line for line in said)  # one line says it all
     last = group.ids()
     for _ in range(2):
