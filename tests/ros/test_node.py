@@ -29,7 +29,7 @@ def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Proc
     probe.record(topics.GAME_STATE, topics.GAME_COMMAND)
     probe.wait_for(lambda: "here" in probe.values(topics.GAME_STATE), what="the node")
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["first"], what="its first command")
-    probe.forget()
+    probe.clear()
     return process
 
 

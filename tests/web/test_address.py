@@ -12,7 +12,7 @@ from tests.web.scripted_game import ScriptedGame
 TOKENS = Tokens("operator-0123456789abcdef", "viewer-0123456789abcdef")
 
 
-def test_greeting_has_links_and_qr_code(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_start_text_has_links_and_qr_code(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "\n" not in start_text(link("127.0.0.1", 8000), None)
     url = link("192.0.2.7", 8000)
     operator = with_token(url, TOKENS.operator)
