@@ -101,7 +101,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
 
     @exclusive
     def step(self, actions: NDArray[Any]) -> Any:
-        """Play one decision, like ``step_async`` and ``step_wait``, which another thread's call could separate."""
+        """Play one decision; unlike ``step_async`` and ``step_wait``, it cannot be interrupted by another thread."""
         return self._play(actions)
 
     def _play(self, actions: Any) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:

@@ -64,7 +64,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_subcommands(parser: argparse.ArgumentParser) -> Any:
-    """Return the subcommands of a group, to be filled; without a subcommand, the group's error lists them."""
+    """Return the action to which a group adds its subcommands; without a subcommand, its error lists them."""
     group = parser.add_subparsers(metavar="SUBCOMMAND")
     parser.set_defaults(run=lambda arguments: parser.error(f"choose one of {', '.join(group.choices)}"))
     return group

@@ -48,7 +48,7 @@ class Outbox:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
-        """Send ``bye`` instead of what waits, and nothing afterwards."""
+        """Replace everything that waits by a last message ``bye`` with these words."""
         if not self.why_ended:
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None

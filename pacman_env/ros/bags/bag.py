@@ -99,7 +99,10 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 
 
 def check(path: Path) -> str:
-    """Raise BagError if a file differs from its checksums; return what could not be checked, empty if nothing."""
+    """Raise BagError if a file differs from its checksums.
+
+    Return a text about what could not be checked, empty if everything was.
+    """
     unchecked = 0
     files = [file for file in mcap_files(path) if file.suffix.lower() == ".mcap"]
     for file in files:

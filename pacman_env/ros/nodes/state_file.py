@@ -41,7 +41,7 @@ class StateFile:
         return cls(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def load(self) -> Any:
-        """Return the last state; None if there is none of this owner, or if it is too old.
+        """Return the last state; None if there is none, if another game wrote it, or if it is too old.
 
         Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
         """
