@@ -32,7 +32,7 @@ def nearest_names(name: str, known: Iterable[str]) -> list[str]:
     return difflib.get_close_matches(name, known, n=2, cutoff=0.7)
 
 
-def offer(name: str, known: Iterable[str], others: str = "") -> str:
+def suggest(name: str, known: Iterable[str], others: str = "") -> str:
     """Return the end of an error about an unknown name: the nearest of ``known``, or all if none is similar."""
     names = list(known)
     if near := nearest_names(name, names):
@@ -83,7 +83,7 @@ class Registry(Generic[T]):
             if _REFERENCE.fullmatch(own) and not any(other.startswith(f"{module}:") for other in self.names()):
                 message = f"module {module} cannot be imported (is it installed or on PYTHONPATH?)"
                 raise PluginError(f"{self.sort} {name!r}: {message}") from None
-            raise PluginError(f"unknown {self.sort} {name!r}: {offer(name, self.names(), self._others)}") from None
+            raise PluginError(f"unknown {self.sort} {name!r}: {suggest(name, self.names(), self._others)}") from None
         except Exception as error:  # the import of a plug-in may raise anything
             raise PluginError(f"{self.sort} {name!r}: {type(error).__name__}: {error}") from error
         return thing
@@ -115,7 +115,7 @@ def _entry_points(group: str) -> Mapping[str, EntryPoint]:
     return _entry_points_on(tuple(sys.path)).get(group, {})
 
 
-@functools.cache  # reading the metadata of all installed packages takes 20 to 40 ms
+@functools.cache  # reading the metadata of all installed packages is slow
 def _entry_points_on(path: tuple[str, ...]) -> Mapping[str, Mapping[str, EntryPoint]]:
     """Return all entry points by group and name; the first on the path if several have one name."""
     from importlib import metadata  # imported here because importing the package does not need it

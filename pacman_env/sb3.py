@@ -101,7 +101,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
 
     @exclusive
     def step(self, actions: NDArray[Any]) -> Any:
-        """Play one decision, like ``step_async`` and ``step_wait``, which another thread's call could separate."""
+        """Play one decision; unlike ``step_async`` and ``step_wait``, it cannot be interrupted by another thread."""
         return self._play(actions)
 
     def _play(self, actions: Any) -> tuple[Observation, NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
@@ -138,7 +138,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
         self.env.close()
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Return one picture per game, or None, with a warning, if ``render_mode`` is None."""
+        """Return one picture (H, W, 3) per game, or None, with a warning, if ``render_mode`` is None."""
         if self.env.render_mode is None:
             warnings.warn("the render mode is None, pass render_mode='rgb_array' to get pictures", stacklevel=2)
         return self._of_games("render")
@@ -174,7 +174,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
         return [results[i] for i in self._indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
-        """Return True for each game if the wrapper is ``Monitor`` and this class does its work."""
+        """Return for each game True if ``wrapper_class`` is ``Monitor`` and this class does the work of ``Monitor``."""
         return [self._monitor and wrapper_class is Monitor] * len(self._indices(indices))
 
     def _of_games(self, method: str, *arguments: Any, **named: Any) -> Sequence[Any]:

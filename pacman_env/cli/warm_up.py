@@ -73,7 +73,7 @@ def _prepare_houses(count: int) -> None:
 
 
 def _compiler() -> str:
-    """Return a hash of versions and processor, which Numba's cache distinguishes."""
+    """Return a hash of what Numba's cache distinguishes: versions and the processor."""
     import numba
     from numba.core.registry import cpu_target
 
@@ -145,12 +145,12 @@ def _robot() -> None:
     from pacman_env.policies.registry import policy_names
     from pacman_env.ros.game_nodes import GameSetup
     from pacman_env.ros.supervisor.preparation import jobs
-    from pacman_env.ros.supervisor.warm_up import rehearse
+    from pacman_env.ros.supervisor.warm_up import prepare
 
     for policy in policy_names():
         setup = GameSetup("house", policy, sim=True)
         for job in jobs(setup):
-            rehearse(job, setup)
+            prepare(job, setup)
 
 
 #: Parts by their printed name.

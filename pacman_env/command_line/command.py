@@ -16,7 +16,7 @@ from typing import Any, NoReturn, TypeVar
 from pacman_env.command_line.examples import PROG, examples_of, render
 from pacman_env.engine.interrupts import uninterrupted
 from pacman_env.files import install_command, reason
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 
 T = TypeVar("T", int, float)
 EXTRAS = "docs/machines.md"  # lists the extras
@@ -57,14 +57,14 @@ class Parser(argparse.ArgumentParser):
         """Suggest the nearest choice, like argparse since Python 3.14."""
         if action.choices is not None and value not in action.choices:
             choices = [str(choice) for choice in action.choices]
-            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {offer(str(value), choices)}")
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {suggest(str(value), choices)}")
 
     def error(self, message: str) -> NoReturn:
         self.exit(ERROR_STATUS, f"{self.prog}: {message}\n")
 
 
 def add_subcommands(parser: argparse.ArgumentParser) -> Any:
-    """Return the subcommands of a group, to be filled; without a subcommand, the group's error lists them."""
+    """Return the action to which a group adds its subcommands; without a subcommand, its error lists them."""
     group = parser.add_subparsers(metavar="SUBCOMMAND")
     parser.set_defaults(run=lambda arguments: parser.error(f"choose one of {', '.join(group.choices)}"))
     return group
@@ -81,10 +81,10 @@ def run_command(
 
 
 def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> int:
-    """Return the exit status of ``work``; errors become one line on stderr and status 2, Ctrl-C one line and 130."""
+    """Run ``work`` and return its exit status; after an error, print one line and return 2 (Ctrl-C: 130)."""
     try:
         status = work() or 0
-        sys.stdout.flush()  # here a failure can still be reported
+        sys.stdout.flush()  # at the end of the interpreter nothing would report a failure
         return status
     except (KeyboardInterrupt, SystemError) as error:  # Numba turns Ctrl-C in compiled code into a SystemError
         if not any(isinstance(one, KeyboardInterrupt) for one in (error, error.__cause__)):

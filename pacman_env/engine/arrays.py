@@ -58,7 +58,7 @@ def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
 
 
 def address(array: NDArray[Any]) -> int:
-    return array.ctypes.data  # also for records, 5 times as fast as __array_interface__
+    return array.ctypes.data  # also for records, faster than __array_interface__
 
 
 def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
@@ -105,7 +105,7 @@ class Table:
 
     @classmethod
     def of_memory(cls, kind: type[tuple[Any, ...]], numbers: NDArray[np.int64], memory: NDArray[np.uint8]) -> "Table":
-        """Create a table from ``numbers`` that contain offsets in ``memory`` instead of addresses."""
+        """Create a table from ``numbers`` in which offsets in ``memory``, bytes, replace the addresses."""
         table = cls.__new__(cls)
         table._memory = kind, numbers, memory
         table.numbers = numbers.copy()
@@ -142,6 +142,7 @@ def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> 
 
 
 def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def]
+    """Return the C-contiguous array of the Numba type ``kind`` at the address ``at``; ``shape`` are LLVM integers."""
     size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     strides: list[Any] = []
     step = size
@@ -157,18 +158,21 @@ def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def
 def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
     """Return a function for kernels that takes a :class:`Table`'s address and returns the tuple of its arrays.
 
-    A call of this function from Python takes 16 us.
+    A call of this function from Python is slow.
     """
     tuple_type = _numba_type(kind)
 
     @operation(tuple_type, types.int64)
     def arrays(context, builder, signature, address):  # type: ignore[no-untyped-def]
+        """Generate the tuple of arrays of the table at ``address`` (int64)."""
         at, places = builder.inttoptr(address, WORD.as_pointer()), itertools.count()
 
         def number():  # type: ignore[no-untyped-def]
+            """Load the table's next number."""
             return builder.load(cgutils.gep_inbounds(builder, at, next(places)))
 
         def generated(kind):  # type: ignore[no-untyped-def]
+            """Generate an array, or a tuple of arrays, of the Numba type ``kind``."""
             if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
                 return context.make_tuple(builder, kind, [generated(inner) for inner in kind])
             return _array_at(context, builder, kind, number(), [number() for _ in range(kind.ndim)])
@@ -184,6 +188,7 @@ def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
 
     @operation(array_type, types.int64, None)
     def vector_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
+        """Generate the array (``length``,) at ``address`` (int64)."""
         count = context.cast(builder, length, signature.args[1], types.int64)
         return _array_at(context, builder, array_type, address, [count])
 
@@ -206,6 +211,7 @@ class Layout:
 
         @operation(tuple_type, *[types.int64] * 4)
         def arrays(context, builder, signature, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
+            """Generate the tuple of arrays of a block at the address ``block``; all arguments are int64."""
             length_of = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
             members, at = [], block
             for one, (dtype, axes) in zip(tuple_type.types, declarations, strict=True):

@@ -50,7 +50,7 @@ def clear(queue):  # type: ignore[no-untyped-def]
 
 @kernel
 def push(queue, key, item):  # type: ignore[no-untyped-def]
-    """Add an item and return True; keys beyond the range and entries beyond the capacity are dropped (False)."""
+    """Add an item (int32) and return True; return False if the queue is full or ``key`` is beyond its range."""
     head, stamp, following, items, state = queue
     entry = state[_USED]
     if key >= len(head) or entry >= len(items):

@@ -54,7 +54,7 @@ def require_compiler() -> None:
 
 
 def table_kernel(function: F) -> F:
-    """Compile a kernel that only takes numbers and creates no arrays; it saves 10 % by counting no references."""
+    """Compile a kernel that only takes numbers and creates no arrays; no references are counted, which saves time."""
     return kernel(function, allocates=False)
 
 
@@ -78,7 +78,7 @@ def _with_rules_compiled(function: F) -> F:
 
 @operation(numba_types.void, None, None)
 def prefetch(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
-    """Prefetch the memory of a row of a C-contiguous 2D array; invalid addresses are no error."""
+    """Prefetch the memory of row ``index`` of a C-contiguous 2D array; invalid addresses are no error."""
     view = context.make_array(signature.args[0])(context, builder, array)
     start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
     row = context.cast(builder, index, signature.args[1], numba_types.intp)

@@ -1,6 +1,7 @@
 """Operations for kernels beyond Numba's language: memory and functions by address, counters shared by threads.
 
-Addresses are arguments, never constants, because machine code on disk must not contain them.
+Addresses are arguments, never constants, because machine code on disk must not contain them. A code generator gets
+Numba's context, an LLVM builder, the types of the call, and its arguments as LLVM values.
 """
 
 import functools
@@ -27,7 +28,10 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(generate: Callable[..., Any]) -> Any:
         def definition(typing_context, *given):  # type: ignore[no-untyped-def]
+            """Return the signature of a call with the types ``given``, and the generator of its code."""
+
             def code(context, builder, signature, values):  # type: ignore[no-untyped-def]
+                """Generate the code of a call; ``values`` are LLVM values."""
                 value = generate(context, builder, signature, *values)
                 return context.get_dummy_value() if value is None else value
 
@@ -43,6 +47,7 @@ def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def _call(builder, address, kind, arguments):  # type: ignore[no-untyped-def]
+    """Generate a call of the function of the LLVM type ``kind`` at ``address``, and return its result."""
     return builder.call(builder.inttoptr(address, kind.as_pointer()), arguments)
 
 
@@ -69,7 +74,7 @@ def call_range(context, builder, signature, function, table, first, last):  # ty
     return builder.select(builder.icmp_signed("==", status, _HALF(0)), builder.load(result), WORD(-1))
 
 
-@functools.cache  # Numba takes as long as the decisions of a hundred games
+@functools.cache  # Numba looks it up slowly
 def address_of_kernel(kernel: Any) -> int:
     """Return the address of a kernel ``(table, first, last) -> int64``, compiled if necessary."""
     if RANGE not in kernel.overloads:
@@ -80,11 +85,13 @@ def address_of_kernel(kernel: Any) -> int:
 
 @operation(types.void, types.int64, types.int64)
 def store_int(context, builder, signature, address, value):  # type: ignore[no-untyped-def]
+    """Write ``value`` to ``address`` as int32."""
     builder.store(builder.trunc(value, _HALF), builder.inttoptr(address, _HALF.as_pointer()))
 
 
 @operation(types.int64, None)
 def address_of(context, builder, signature, array):  # type: ignore[no-untyped-def]
+    """Return the address of an array's first element as int64."""
     return builder.ptrtoint(context.make_array(signature.args[0])(context, builder, array).data, WORD)
 
 
@@ -92,16 +99,19 @@ def address_of(context, builder, signature, array):  # type: ignore[no-untyped-d
 
 
 def _element(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
+    """Return the pointer to an element of an int64 array."""
     return builder.gep(context.make_array(signature.args[0])(context, builder, array).data, [index])
 
 
 @operation(types.int64, None, types.int64)
 def load(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
+    """Read an element."""
     return builder.load_atomic(_element(context, builder, signature, array, index), _ATOMIC, 8)
 
 
 @operation(types.void, None, types.int64, types.int64)
 def store(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
+    """Write an element."""
     builder.store_atomic(value, _element(context, builder, signature, array, index), _ATOMIC, 8)
 
 
@@ -129,6 +139,7 @@ _HAS_PAUSE = platform.machine() in ("x86_64", "AMD64")
 
 @operation(types.void)
 def pause(context, builder, signature):  # type: ignore[no-untyped-def]
+    """Let the processor save power while a thread waits in a loop (only on x86)."""
     if _HAS_PAUSE:
         kind = ir.FunctionType(ir.VoidType(), [])
         builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), [])

@@ -11,7 +11,8 @@ from .jit import table_kernel
 from .native import address_of_kernel, call_range
 from .threads import Threads
 
-#: A kernel ``(table, first, last) -> int64`` and its tables: one for each thread, or one for all threads.
+#: A kernel ``(table, first, last) -> int64`` for the games ``first`` to ``last - 1``, and its tables: one for each
+#: thread, or one for all threads.
 Stage = tuple[Any, Sequence[Table]]
 
 

@@ -1,6 +1,6 @@
 """Vector operations on rows of single-precision numbers, with the same bits as operations on single numbers.
 
-The planner features of 64 games take 9.4 us per game with rows and 14.4 us with plain loops.
+Plain loops are slower (``benchmarks/history.md``).
 """
 
 from typing import Any
@@ -31,6 +31,7 @@ class _Model(models.PrimitiveModel):
 
 
 def _place(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
+    """Return the pointer to the row that begins at element ``index`` of a float32 array."""
     view = context.make_array(signature.args[0])(context, builder, array)
     at = builder.gep(view.data, [context.cast(builder, index, signature.args[1], types.intp)])
     return builder.bitcast(at, _ROW.as_pointer())
@@ -38,16 +39,19 @@ def _place(context, builder, signature, array, index):  # type: ignore[no-untype
 
 @operation(ROW, None, None)
 def load(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
+    """Read the row that begins at element ``index`` of a float32 array."""
     return builder.load(_place(context, builder, signature, array, index), align=4)
 
 
 @operation(types.void, None, None, ROW)
 def store(context, builder, signature, array, index, row):  # type: ignore[no-untyped-def]
+    """Write a row from element ``index`` of a float32 array on."""
     builder.store(row, _place(context, builder, signature, array, index), align=4)
 
 
 @operation(ROW, None)
 def all_of(context, builder, signature, number):  # type: ignore[no-untyped-def]
+    """Return a row of equal numbers."""
     number = context.cast(builder, number, signature.args[0], types.float32)
     first = builder.insert_element(ir.Constant(_ROW, ir.Undefined), number, ir.Constant(_INT, 0))
     everywhere = ir.Constant(ir.VectorType(_INT, WIDTH), [0] * WIDTH)
@@ -56,22 +60,25 @@ def all_of(context, builder, signature, number):  # type: ignore[no-untyped-def]
 
 @operation(ROW, ROW, ROW)
 def plus(context, builder, signature, a, b):  # type: ignore[no-untyped-def]
+    """Return a + b, element by element."""
     return builder.fadd(a, b)
 
 
 @operation(ROW, ROW, ROW)
 def minus(context, builder, signature, a, b):  # type: ignore[no-untyped-def]
+    """Return a - b, element by element."""
     return builder.fsub(a, b)
 
 
 @operation(ROW, ROW, ROW)
 def times(context, builder, signature, a, b):  # type: ignore[no-untyped-def]
+    """Return a * b, element by element."""
     return builder.fmul(a, b)
 
 
 @operation(ROW, ROW, ROW)
 def lower(context, builder, signature, a, b):  # type: ignore[no-untyped-def]
-    """Return the element-wise minimum; ``b`` if one is NaN."""
+    """Return the element-wise minimum; ``b`` if one of the two is NaN."""
     return builder.select(builder.fcmp_ordered("<", a, b), a, b)
 
 
@@ -83,5 +90,6 @@ def where_below(context, builder, signature, row, limits, chosen):  # type: igno
 
 @operation(ROW, ROW)
 def roots(context, builder, signature, row):  # type: ignore[no-untyped-def]
+    """Return the square roots of a row."""
     kind = ir.FunctionType(_ROW, [_ROW])
     return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.sqrt.v{WIDTH}f32"), [row])

@@ -4,8 +4,7 @@ A job is a kernel ``(table, first, last) -> int64``, given by address, and a ran
 thread works on its own parts first and then on parts of others, so a thread that is late, or missing after a fork, only
 costs time. A thread waits for the next job briefly in machine code, then in Python until it is woken.
 
-Speed-up over a ``ThreadPoolExecutor``: 3.1 times with 16 games, 2.0 with 64, 1.35 with 256, 1.05 with 1,024. Speed-up
-by working on parts of others: 3.9, 2.4 and 1.5 times with 16, 64 and 256 games (two threads on busy cores).
+Below 1,024 games this is faster than a ``ThreadPoolExecutor`` (``benchmarks/history.md``).
 """
 
 import os
@@ -39,7 +38,10 @@ _FINE = -(2**62)
 
 @kernel
 def _do_parts(shared, me, threads):  # type: ignore[no-untyped-def]
-    """Work on the present job until all parts have begun, first on the thread's own parts, which are in its cache."""
+    """Work on the present job until all parts have begun, first on the thread's own parts, which are in its cache.
+
+    ``shared`` are the int64 numbers at the indices above; thread ``me`` is one of ``threads``.
+    """
     table = _PLACES + _LINE * me + _TABLE
     for k in range(threads):
         of = (me + k) % threads
@@ -63,7 +65,7 @@ def _do_parts(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
-    """Work on jobs; return True if no job came for a moment, or False if the thread must end."""
+    """Work on jobs; return True if no job came during ``_SPINS`` pauses, or False if the thread must end."""
     seen = -1
     spins = 0
     while True:
@@ -83,7 +85,7 @@ def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _post(shared, job, function, count, parts, threads):  # type: ignore[no-untyped-def]
-    """Start a job; compiled, so that no signal can interrupt it."""
+    """Start a job, ``function`` at an address over 0 to ``count``; compiled, so that no signal can interrupt it."""
     store(shared, _DONE, 0)
     store(shared, _FUNCTION, function)
     store(shared, _COUNT, count)
@@ -96,7 +98,7 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
 
 @kernel
 def _finish(shared, threads):  # type: ignore[no-untyped-def]
-    """Work on parts and wait for other threads; return False if they are not done after a moment."""
+    """Work on parts and wait for other threads; return False if they are not done after ``_SPINS`` pauses."""
     _do_parts(shared, 0, threads)
     count = load(shared, _COUNT)
     for _ in range(_SPINS):

@@ -57,7 +57,7 @@ class EnvArguments:
     defaults: Mapping[str, Any] | None = None
 
     def make_config(self, *, several: bool = False) -> tuple[Config, dict[int, Policy]]:
-        """Return the configuration (``several``: for several agents) and the policy objects by ghost number."""
+        """Return the configuration, for several agents if ``several``, and the policy objects by ghost number."""
         settings = {} if self.settings is None else self.settings
         behaviours, policies = _behaviours(self.ghosts)
         changes = {} if self.observation is None else _kinds(self.observation)

@@ -102,7 +102,7 @@ class BaseEnv(Guarded):
         return self._runner.masks()
 
     def _pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Return one picture per game, or None without a render mode."""
+        """Return one picture (H, W, 3) uint8 per game, or None without a render mode."""
         if self.render_mode is None:
             return None
         from ..render.frames import render_frame

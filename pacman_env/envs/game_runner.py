@@ -89,7 +89,7 @@ class GameRunner:
         self.__dict__.update(state)
         if self.begun:
             self._games.maps_changed(np.arange(self.batch.n))
-            self._games.look()
+            self._games.observe()
             self._refresh()
 
     @property
@@ -119,7 +119,7 @@ class GameRunner:
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
-        """Start episodes in the games ``index``; with ``in_step`` the last situation may be overwritten."""
+        """Start episodes in the games ``index`` (M,); with ``in_step`` the last situation may be overwritten."""
         self.elapsed_s[index] = 0.0
         self._steps[index] = 0
         self.cut[index] = False
@@ -132,7 +132,7 @@ class GameRunner:
         self._games.maps_changed(index)
         if not in_step:
             self._games.take_turns()
-        self._games.look(index if in_step else None)
+        self._games.observe(index if in_step else None)
         self._refresh()
         self.begun = True
 
@@ -190,7 +190,7 @@ class GameRunner:
         return reward, terminated, truncated
 
     def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
-        """Truncate episodes at the step limit; with one agent also terminated ones, like Gymnasium's ``TimeLimit``."""
+        """Truncate episodes (N,) at the step limit, with one agent also terminated ones, like ``TimeLimit``."""
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
         if most is not None:
             self._steps += 1

@@ -84,14 +84,14 @@ class Guarded:
 
     @exclusive
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state; until it is copied or lost, exclusive calls of other threads are refused."""
+        """Return the state; exclusive calls of other threads are refused until it is copied or discarded."""
         state: Any = super().__getstate__()
         self._guard.copying = get_ident(), id(sys._getframe(2)), weakref.ref(mark := {"copying"})
         return {**{key: state[key] for key in state if key != "_guard"}, "_mark": mark, "_guard": self._guard}
 
 
 def _drop_lost_calls() -> None:
-    """Drop the calls of threads that a fork did not copy; games that such a call changed need a reset."""
+    """Drop calls whose threads do not exist after a fork; games that a dropped call was changing need a reset."""
     for one in list(_objects.values()):
         calls, me = one._guard.calls, get_ident()
         if calls and calls[-1][0] != me and calls[-1][2] and one._runner is not None:

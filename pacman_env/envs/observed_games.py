@@ -33,7 +33,7 @@ class ObservedGames:
         for observer in self._observers:
             observer.maps_changed(index)
 
-    def look(self, index: Indices | None = None) -> None:
+    def observe(self, index: Indices | None = None) -> None:
         """Observe all games, or only those in ``index`` (M,)."""
         self.observer.observe(index=index)
 
@@ -65,7 +65,7 @@ class ObservedGames:
         ghost_choices: Indices | None,
         plays: Flags | None,
     ) -> None:
-        """Play one decision with Python between the ticks, for ghost policies and rounds that follow one another."""
+        """Play one decision, actions (N,) or (N, 2), with Python between ticks (ghost policies, endless games)."""
         if self._by_event:
             self.batch.step_until_due(*self.observer.chosen(actions), choose)
         else:
@@ -75,7 +75,7 @@ class ObservedGames:
                 actions, _ = self.observer.chosen(actions)
             self.batch.step(actions, ghost_choices, plays)
         self.take_turns()
-        self.look()
+        self.observe()
 
     def _play_stages(self) -> list[Stage]:
         """Return the stages that play a decision; actions refer to candidates as the last observation lists them."""

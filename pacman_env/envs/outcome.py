@@ -15,10 +15,10 @@ Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]  # observations, Ends an
 
 
 def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
-    """Return the infos as new arrays (N,) from a batch's ``summary``, whose rows ``kernels.SUMMARY`` names.
+    """Return the infos as new arrays (N,) from a batch's ``summary`` (8, N), in the order of ``kernels.SUMMARY``.
 
-    ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64
-    if a seed given to a reset does not fit into int64.
+    ``outcome`` is a word (object), or with ``numeric`` its index in ``OUTCOMES``. ``round_seed`` is int64, or uint64 if
+    a seed given to a reset does not fit into int64.
     """
     summary = summary.copy()
     result: dict[str, NDArray[Any]] = dict(zip(kernels.SUMMARY, summary, strict=True))
@@ -28,7 +28,7 @@ def infos(summary: Indices, numeric: bool = False) -> dict[str, NDArray[Any]]:
 
 
 def info(summary: Indices, numeric: bool = False) -> dict[str, Any]:
-    """Return the infos of the first game as Python numbers."""
+    """Return the infos of the first game, column 0 of ``summary`` (8, N), as Python numbers."""
     result = dict(zip(kernels.SUMMARY, summary[:, 0].tolist(), strict=True))
     if result["round_seed"] < 0:  # the summary stores the bits of a uint64
         result["round_seed"] += 2**64

@@ -214,7 +214,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         """
         guard = self._guard
         calls, call = guard.calls, (get_ident(), "step", True)
-        try:  # as in `exclusive`, with one function call less, which would take 1 % of a step
+        try:  # as in `exclusive`, with one function call less
             calls.insert(0, call)
             if calls[-1] is not call or guard.copying is not None:
                 guard.wait(call)

@@ -227,7 +227,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return {agent: given[agent] for agent in self.possible_agents}
 
     def _check(self, actions: Any) -> dict[str, NDArray[Any]]:
-        """Check actions and return them by agent."""
+        """Check actions and return them by agent: int64 (N,), or velocities float64 (N, 2)."""
         if isinstance(actions, Mapping):
             by_agent = self._by_agent(actions, "actions")
             unknown = [str(agent) for agent in actions if agent not in by_agent]
@@ -263,7 +263,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return infos
 
     def _final(self, ended: NDArray[np.int64], observations: Observations) -> dict[str, Any]:
-        """Return the last observations, infos and states of games that have just ended."""
+        """Return the last observations, infos and states of the games ``ended`` (M,), and their masks (N,)."""
         present, infos, states = self._mask(ended), self._infos(), self._states()
         for array in (*infos.values(), states):
             array[~present] = None if array.dtype == object else 0

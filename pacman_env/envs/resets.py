@@ -80,7 +80,11 @@ class ManyGames(BaseEnv):
         self._next: list[np.uint64 | None] = [None] * self.num_envs  # next seeds, drawn early to prepare levels
 
     def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
-        """Start new episodes in the games of the mask (None: all) and return their indices; check everything first."""
+        """Start new episodes in the games of ``mask`` (N,) (None: all) and return their indices (M,).
+
+        ``seed`` and ``options`` are arguments of ``reset``, ``mask_name`` names the mask in errors, and ``more`` are
+        options that the caller handles. Everything is checked before anything changes.
+        """
         request = ResetOptions.of(options, self.num_envs, *more)
         index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
         every = len(index) == self.num_envs
@@ -100,7 +104,7 @@ class ManyGames(BaseEnv):
         return index
 
     def _follow(self, ended: Indices) -> None:
-        """Start the next episodes in the games ``ended``, whose last observations may be overwritten."""
+        """Start the next episodes in the games ``ended`` (M,), whose last observations may be overwritten."""
         self._runner.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
     def _mask(self, index: Indices) -> Flags:
@@ -109,14 +113,20 @@ class ManyGames(BaseEnv):
         return mask
 
     def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
-        """Return copies (N,) of the observations of the games ``ended``, which later steps may overwrite; else None."""
+        """Return an object array (N,) with copies of the last observations of the games ``ended``, else None.
+
+        Later steps may overwrite the observations themselves.
+        """
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
             last[i] = deepcopy(self._runner.of_game(observations, i))
         return last
 
     def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:
-        """Return the seeds of new episodes, and announce the next seeds to the batch so that it prepares their maps."""
+        """Return the seeds (M,) of new episodes in the games ``index`` (M,).
+
+        Announce the seeds after these to the batch, so that it prepares their maps.
+        """
         batch = self.batch
         if request.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
             return request.seeds(index, self._generators)

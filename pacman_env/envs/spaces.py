@@ -18,7 +18,7 @@ _MANY = 1e9  # upper bound of rounds and of pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Return the observation space of one game; ``beside``: number of candidates of an additional mask."""
+    """Return the observation space of one game, with a separate mask of ``beside`` candidates (None: no mask)."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})
@@ -70,7 +70,10 @@ def velocities(actions: NDArray[np.float64], config: Config) -> NDArray[np.float
 
 
 def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> Any:
-    """Return one game's action as int64 or two unlimited float64 (v, omega); raises ValueError outside the space."""
+    """Return a checked action: an int64, or v (m/s) and omega (rad/s) as float64 (2,), which are clipped later.
+
+    Raises ValueError for an action outside the space.
+    """
     whole = type(action) is int or isinstance(action, np.integer)
     if whole and isinstance(space, spaces.Discrete) and 0 <= action < space.n:
         return np.int64(action)

@@ -108,7 +108,10 @@ def play_in(
     on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
-    """Play like :func:`play` in existing games, at most one per seed; ``ghosts`` are policies by ghost number."""
+    """Play one round per seed (E,) in existing games, at most one game per seed; return the same as :func:`play`.
+
+    ``ghosts`` are policies by ghost number.
+    """
     n = batch.n
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")

@@ -67,7 +67,7 @@ def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = R
 
 
 def percentiles95(values: Floats) -> Interval:
-    """Return the limits of the middle 95 % of bootstrapped estimates."""
+    """Return the limits of the middle 95 % of bootstrapped estimates (R,)."""
     low, high = np.percentile(values, (2.5, 97.5))
     return float(low), float(high)
 

@@ -42,7 +42,7 @@ from pacman_env.executors.base import Executor
 from pacman_env.executors.choice import add_executor_arguments, executor_of
 from pacman_env.executors.progress import bar_of
 from pacman_env.files import commit, prepare
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 from pacman_env.policies.asking import choose, reset
 from pacman_env.sim.maps.level_source import FixedMap
 from pacman_env.sim.observation.kinds import KINDS, MASK
@@ -256,7 +256,7 @@ def _environment(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
     env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
     if env_id not in IDS:
         names = [one.removeprefix(_PREFIX) for one in IDS]
-        raise ValueError(f"--id {arguments.id}: {offer(arguments.id.removeprefix(_PREFIX), names)}")
+        raise ValueError(f"--id {arguments.id}: {suggest(arguments.id.removeprefix(_PREFIX), names)}")
     named: dict[str, Any] = {"map": arguments.map, "settings": parse_settings(arguments.set) or None}
     named |= {"observation": arguments.observation, "ghosts": arguments.ghosts}
     named["preset"] = None if arguments.preset == "robot" else arguments.preset

@@ -58,7 +58,7 @@ class RecordedGame:
         self._chosen = -1  # no choice so far
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
-        self._forget()
+        self._reset_policies()
 
     @property
     def over(self) -> bool:
@@ -81,11 +81,11 @@ class RecordedGame:
         batch.step(np.array([self._chosen]), ghost_choices(batch, self._ghosts))
         if batch.games["tick_rounds"][0] > 0:
             self._before_s += moment.time_s + batch.config.execution.tick_s
-            self._forget()
-            self._last.forget()
+            self._reset_policies()
+            self._last.clear()
             self._chosen = -1
 
-    def _forget(self) -> None:
+    def _reset_policies(self) -> None:
         """Reset the robot's policy and the ghosts' policies for a new round."""
         for policy in (self._policy, *self._ghosts.values()):
             reset(policy, np.ones(1, dtype=np.bool_), self._batch.config)

@@ -51,7 +51,7 @@ class LocalProcesses(Executor):
                 self._terminate()
 
     def _width(self, losses: Counter[int], *numbers: int) -> int:
-        """Return how many of these tasks may run together; a task that was lost twice runs alone, to find the cause."""
+        """Return how many of these tasks may run together: a task that was lost twice runs alone, to find the cause."""
         return 1 if any(losses[number] > 1 for number in numbers) else self.workers
 
     def _submit(self, function: Callable[[Task], Result], number: int, task: Task) -> Future[Done[Result]]:

@@ -13,9 +13,9 @@ COMES = 0.5  # probability above which a ghost counts as approaching the robot
 PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
-#: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0,
-#: 0.0 to 0.02 and 0.0. But moves across come in series, if the robot's believed position jumps or the ghost goes round
-#: an obstacle, so a single one carries little information.
+#: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0
+#: (towards), 0.0 to 0.02 (across) and 0.0 (away). But moves across come in series, while the ghost goes round an
+#: obstacle or after a jump of the robot's believed position, so a single one carries little information.
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place
@@ -27,14 +27,17 @@ ARRIVED_M = 1.0
 
 
 def evidence(share):  # type: ignore[no-untyped-def]
-    """Return the likelihood of a move of a ghost with a target that it approached by ``share`` of the move's length."""
+    """Return the likelihood that a ghost with a target makes a move that brings it nearer to the target.
+
+    ``share`` is the length by which the path to the target became shorter, relative to the length of the move.
+    """
     if share >= _TOWARDS_FROM:
         return _TOWARDS
     return _ACROSS if share >= _ACROSS_FROM else _AWAY
 
 
 def update_belief(belief, places_share, robot_share, corner_share, near, turned):  # type: ignore[no-untyped-def]
-    """Update ``belief``, probabilities in the order of ``BELIEVED``, after a move of a ghost.
+    """Update ``belief`` (4,), probabilities in the order of ``BELIEVED``, after a move of a ghost.
 
     Args:
         places_share: share of its possible places that the ghost approached; 0: none.
@@ -54,11 +57,12 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
 
 
 def update_standing(belief, robot_m):  # type: ignore[no-untyped-def]
-    """Update ``belief`` about a ghost that did not move, at a distance of ``robot_m`` m from the robot."""
+    """Update ``belief`` (4,) about a ghost that did not move, at a distance of ``robot_m`` m from the robot."""
     weigh(belief, _ARRIVED if robot_m <= ARRIVED_M else _STANDS)
 
 
 def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
+    """Multiply ``belief`` (4,) by ``likelihoods`` (4,), normalize it, and mix in a little of ``PRIOR``."""
     total = 0.0
     for k in range(len(belief)):
         belief[k] *= likelihoods[k]
@@ -79,8 +83,8 @@ def taken_for(belief):  # type: ignore[no-untyped-def]
     return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE
 
 
-def forget(ghost):  # type: ignore[no-untyped-def]
-    """Reset the belief about a ghost, after a teleport or at the start of a round."""
+def reset_belief(ghost):  # type: ignore[no-untyped-def]
+    """Set a ghost's belief to ``PRIOR``, after a teleport or at the start of a round."""
     for k in range(len(PRIOR)):
         ghost.belief[k] = PRIOR[k]
     ghost.seen_cell = -1

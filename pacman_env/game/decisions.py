@@ -61,8 +61,8 @@ class LastDecision:
     def _ticks(self, seconds: float) -> int:
         return round(seconds / self._tick_s)
 
-    def forget(self) -> None:
-        """Forget the last choice at the start of a round, so that a new one is due."""
+    def clear(self) -> None:
+        """Drop the last choice at the start of a round, so that a new choice is due."""
         self._at = None
 
     def due(self, now: Moment) -> bool:

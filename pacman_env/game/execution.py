@@ -201,6 +201,7 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
 
 
 def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
+    """Collect the pellet in a slot at the time ``now``; a power pellet frightens the ghosts."""
     board.left[slot] = False
     s.collected += 1
     if board.power[slot]:
@@ -213,5 +214,6 @@ def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
 
 
 def _end_without_pellets(s):  # type: ignore[no-untyped-def]
+    """End the round if every pellet is collected or lost."""
     if round_complete(s.collected + s.lost, s.spawned):
         s.end = COMPLETE if s.lost == 0 else CLEARED

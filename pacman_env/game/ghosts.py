@@ -15,7 +15,7 @@ from ..config import Config, ConfigError
 from ..plugins import PluginError, Registry
 from ..rng import CLYDE, below, stream
 from ..rng import GHOSTS as GHOST_STREAMS
-from .behaviour_belief import BELIEVED, forget
+from .behaviour_belief import BELIEVED, reset_belief
 
 
 class Ghost(NamedTuple):
@@ -81,7 +81,7 @@ class GhostView(NamedTuple):
 
 
 def view_of(number, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the view of ghost ``number``: its motion, the believed pose of the robot, and its corner (x, y), m."""
+    """Return the view of ghost ``number``: its motion, the believed pose of the robot (3,), and its corner, m."""
     return GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, robot[0], robot[1], robot[2], corner[0], corner[1])
 
 
@@ -109,10 +109,12 @@ class Behaviour:
 
 
 def wander(view, parameters):  # type: ignore[no-untyped-def]
+    """Return NaN: the ghost has no target and wanders."""
     return math.nan, math.nan
 
 
 def chase(view, parameters):  # type: ignore[no-untyped-def]
+    """Return the believed position (x, y) of the robot, m."""
     return view.robot_x, view.robot_y
 
 
@@ -165,18 +167,25 @@ def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
 
 
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
-    """Place a ghost on a cell; it chooses its first target at its first move."""
+    """Place a ghost on a cell; it chooses its first target at its first move.
+
+    ``path`` (L,) are the cells of its path, and ``position`` (K, 2), m, the centres of all cells.
+    """
     path[0] = cell
     ghost.spawn_cell = cell
     ghost.path_index, ghost.path_length, ghost.path_offset = 0, 1, 0.0
     ghost.x, ghost.y = position[cell, 0], position[cell, 1]
     ghost.vx, ghost.vy = 0.0, 0.0
     ghost.place = -1
-    forget(ghost)
+    reset_belief(ghost)
 
 
 def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no-untyped-def]
-    """Draw a cell uniformly from the cells that the ghost can reach from ``cell``."""
+    """Draw a cell uniformly from the cells that the ghost can reach from ``cell``.
+
+    ``part`` (K,) is the connected part of each cell. The cells of part p are in ``part_cells`` (K,), from
+    ``part_start[p]`` to ``part_start[p + 1]``.
+    """
     p = part[cell]
     first, last = part_start[p], part_start[p + 1]
     ghost.stream, pick = below(ghost.stream, last - first)
@@ -184,7 +193,10 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
 
 
 def walk(ghost, path, position, share, period):  # type: ignore[no-untyped-def]
-    """Move a ghost along its path at ``share`` of its speed for ``period`` seconds, at most to the end."""
+    """Move a ghost along its path at ``share`` of its speed for ``period`` seconds, at most to the end.
+
+    ``path`` (L,) are cells, and ``position`` (K, 2), m, the centres of all cells.
+    """
     x, y = ghost.x, ghost.y
     index, offset = ghost.path_index, ghost.path_offset + share * ghost.speed * period
     last = ghost.path_length - 1
@@ -210,4 +222,5 @@ def walk(ghost, path, position, share, period):  # type: ignore[no-untyped-def]
 
 
 def at_target(ghost):  # type: ignore[no-untyped-def]
+    """Return True if a ghost is at the end of its path."""
     return ghost.path_index >= ghost.path_length - 1

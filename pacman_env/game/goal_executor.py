@@ -77,7 +77,7 @@ class GoalExecutor:
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
         if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):
-            return []  # the referee has not received the end; otherwise it disables first
+            return []  # the referee has not received the end: it would send "disable" before the next "enable"
         self.statuses.end = ""
         if word == "reset_round":
             self.round.reset()
@@ -91,7 +91,7 @@ class GoalExecutor:
             self.round.record.end = RUNNING
         self.began_s, self._waiting_s, self._arrived_s, self.round.empty_s = now, None, None, None
         if (self.sent.pursued == HOME) != (word == "return_home"):
-            self._forget_current()  # the next goal pre-empts it
+            self._drop_current()  # the next goal pre-empts it
         if not self.driving:
             return self._halt(now) if self._active else []
         return self._continue(now)
@@ -145,7 +145,7 @@ class GoalExecutor:
         """Record whether Nav2's action server exists; without it no goal is pursued."""
         self._nav2_there = there
         if not there:
-            self._forget_current()
+            self._drop_current()
         return self._continue(now)
 
     def rejected(self, number: int, now: float) -> list[ExecutorAction]:
@@ -176,11 +176,11 @@ class GoalExecutor:
 
     # What follows
 
-    def _forget_current(self) -> None:
+    def _drop_current(self) -> None:
         self.sent.current, self.round.record.pursued = None, NO_CHOICE
 
     def _cancel_all(self, now: float) -> list[ExecutorAction]:
-        self._forget_current()
+        self._drop_current()
         return self.sent.cancel_all(now)
 
     def _halt(self, now: float) -> list[ExecutorAction]:

@@ -89,7 +89,7 @@ class LightRing:
         self._since_s = 0.0
 
     def command(self, word: str, now: float) -> None:
-        """Start showing a word; raises ValueError if there is no such light."""
+        """Start showing a word at the time ``now``, s; raises ValueError if there is no such light."""
         if word not in self._lights:
             raise ValueError(f"light {word!r}: not one of {', '.join(sorted(self._lights))}")
         self._word, self._since_s = word, now
@@ -100,7 +100,7 @@ class LightRing:
             self._lasting = light.then
 
     def ring(self, now: float) -> Ring | None:
-        """Return the colours to show now, or None if the robot controls the ring."""
+        """Return the colours to show at the time ``now``, s, or None if the robot controls the ring."""
         if not 0 <= now - self._since_s < self._lights[self._word].duration_s(self._show):  # over, or clock set back
             self._word, self._since_s = self._lasting, now
         return self._lights[self._word].at(now - self._since_s)

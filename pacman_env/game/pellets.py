@@ -46,7 +46,7 @@ def pixel_to_world(
 
 
 def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -> NDArray[np.bool_]:
-    """Return a mask (len(rows), W) of cells that are free in their row and ``reach`` rows on both sides."""
+    """Return a mask (len(rows), W): the cell is free (H, W) in its row and in ``reach`` rows on both sides."""
     if len(rows) == 0:
         return free[:0]
     bounds = np.stack([rows - reach, rows + reach + 1], axis=1).ravel()

@@ -49,11 +49,12 @@ def is_away(ghost, now):  # type: ignore[no-untyped-def]
 
 
 def is_harmless(ghost, now):  # type: ignore[no-untyped-def]
-    """Return True if a ghost is frightened or away."""
+    """Return True if a ghost, a row of ``Board.ghosts``, is frightened or away."""
     return now < ghost[HARMLESS_UNTIL]
 
 
 def is_frightened(ghost, now):  # type: ignore[no-untyped-def]
+    """Return True if a ghost, a row of ``Board.ghosts``, is frightened."""
     return is_harmless(ghost, now) and not is_away(ghost, now)
 
 
@@ -65,7 +66,7 @@ def frighten(ghosts, until, now):  # type: ignore[no-untyped-def]
 
 
 def send_away(ghost, until):  # type: ignore[no-untyped-def]
-    """Let a caught ghost, a row of ``Board.ghosts``, be away; it is not frightened when it starts again."""
+    """Set a caught ghost, a row of ``Board.ghosts``, away until a time; it is not frightened when it starts again."""
     ghost[HARMLESS_UNTIL] = until
     ghost[AWAY_UNTIL] = until
 

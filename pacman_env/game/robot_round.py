@@ -50,10 +50,10 @@ class UnacknowledgedStatuses:
     def ended(self, word: str) -> list[ExecutorAction]:
         """Report the end of a task after all earlier reports, because a report after the end would not count."""
         self.end = word
-        return [*self.earlier(), ExecutorAction("status", word)]
+        return [*self.repeat_unanswered(), ExecutorAction("status", word)]
 
-    def earlier(self) -> list[ExecutorAction]:
-        """Repeat, once per event, the reports that may have been lost before it."""
+    def repeat_unanswered(self) -> list[ExecutorAction]:
+        """Return the unanswered reports of earlier events once more; a second call during an event returns none."""
         earlier, self._earlier = self._earlier, []
         return [ExecutorAction("status", self._word(report)) for report in earlier]
 
@@ -100,10 +100,10 @@ class UnacknowledgedStatuses:
     def new_state(self) -> None:
         """Drop reports of the previous state, which are acknowledged or too late."""
         self.end = ""
-        self._forget()
+        self._clear_reports()
 
     def new_round(self) -> None:
-        self._forget()
+        self._clear_reports()
         self._expected = self._catches = 0
 
     def open(self) -> list[str]:
@@ -118,7 +118,7 @@ class UnacknowledgedStatuses:
         return repeated
 
     def _is_answered(self, report: _Report) -> bool:
-        """Return True if the game counts such reports, as far as known."""
+        """Return True if the game acknowledges such reports, as far as this side knows."""
         return (self._counted if isinstance(report, str) else self._caught_before) is not None
 
     def _word(self, report: _Report) -> str:
@@ -127,7 +127,7 @@ class UnacknowledgedStatuses:
         number, ghost = report
         return f"ghost_caught:{(self._caught_before or 0) + number}:{ghost}"
 
-    def _forget(self) -> None:
+    def _clear_reports(self) -> None:
         self._reports.clear()
         self._earlier.clear()
 
@@ -191,7 +191,7 @@ class RobotRound:
             record.spawned = record.collected + record.lost + int(self._left.sum())
             if shown.any() and record.end != DEAD:
                 record.end = RUNNING
-                if self.statuses.end == "game_complete":  # it was not complete
+                if self.statuses.end == "game_complete":  # withdraw the report: the round is not complete
                     self.statuses.end = ""
         if shown[: self.goals.candidates].any() or unknown or not playing:
             self.empty_s = None
@@ -241,7 +241,7 @@ class RobotRound:
             for number in np.flatnonzero(self.ghosts[:, AWAY_UNTIL] != away_before).tolist():
                 actions += self.statuses.caught(GHOST_NAMES[number])
         if actions and self._power.pellets > 0:  # the points of a ghost depend on the reports before it
-            actions = [*self.statuses.earlier(), *actions]
+            actions = [*self.statuses.repeat_unanswered(), *actions]
         if record.end == CLEARED != end:
             actions += self.ended("game_complete")
         return action, actions

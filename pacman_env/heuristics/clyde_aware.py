@@ -105,7 +105,7 @@ class ClydeAware(BasePolicy):
         self._threatened: Flags | None = None
 
     def reset(self, games: Flags, config: Config) -> None:
-        """Forget the threat in the games (N,); another number of games resets all."""
+        """Clear the threat flags of the games in the mask (N,); another number of games clears all."""
         super().reset(games, config)
         game = {"death_radius_m": config.execution.death_radius_m}
         self.parameters = ScorerParameters(**{**game, **self._given})

@@ -38,7 +38,10 @@ class Nearest(BasePolicy):
 
 @kernel
 def random_scores(seed: NDArray[np.uint64], tick: Indices, current: Indices, allowed: Flags, out: Floats) -> None:
-    """Write a number in [0, 1) by (seed, tick, candidate) for allowed candidates, 1 for the current one, else -inf."""
+    """Write scores (N, C): numbers in [0, 1) by seed (N,), tick (N,) and candidate for allowed (N, C) candidates.
+
+    The score of the current candidate (N,) is 1, and of forbidden ones -inf.
+    """
     for n in range(out.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
         for c in range(out.shape[1]):

@@ -40,7 +40,7 @@ def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
 
 
 def reset(policy: Policy, games: NDArray[np.bool_], config: Config) -> None:
-    """Call the policy's ``reset``; raises PolicyError if the ``reset`` of a user's policy fails."""
+    """Call the policy's ``reset`` for the games (N,); raises PolicyError if that of a user's policy fails."""
     with what_users_raise(type(policy), name_of(policy)):
         policy.reset(games, config)
 

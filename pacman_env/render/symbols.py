@@ -1,6 +1,7 @@
 """Draw the symbols and texts of images.
 
-Positions are pixels (x, y) as floats, whole numbers at pixel centres; angles grow clockwise because y points down.
+Positions are pixels (x, y) as floats, whole numbers at pixel centres, and lengths are pixels, too; angles grow
+clockwise because y points down.
 Symbols are drawn at a higher resolution and averaged, so that they move smoothly and stay clear if small.
 """
 
@@ -57,7 +58,7 @@ class _Pen:
 
 @contextlib.contextmanager
 def _pen(image: Image, centre: NDArray, reach: float) -> Iterator[_Pen]:
-    """Yield a pen for the part of the image within a square of half-width ``reach`` around ``centre``."""
+    """Yield a pen for the part of the image within a square of half-width ``reach``, px, around ``centre``."""
     x0, y0 = np.maximum(np.floor(centre - reach), 0).astype(int).tolist()
     x1, y1 = np.maximum(np.ceil(centre + reach) + 1, 0).astype(int).tolist()
     patch = image[y0:y1, x0:x1]
@@ -96,7 +97,7 @@ def pac_man(image: Image, palette: Palette, centre: NDArray, radius: float, angl
 
 
 def ghost(image: Image, palette: Palette, centre: NDArray, radius: float, eyes: NDArray, colour: Colour | None) -> None:
-    """Draw a ghost that looks in the direction ``eyes``; only its eyes, with an edge, if ``colour`` is None."""
+    """Draw a ghost that looks in the direction ``eyes`` (2,); only its eyes, with an edge, if ``colour`` is None."""
     width = _outline(radius)
     with _pen(image, centre, 1.2 * radius + 2) as pen:
         if colour is not None:

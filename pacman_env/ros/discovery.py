@@ -84,7 +84,7 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
     if TRANSPORTS in environment or "ransport" in profiles:
         return
     environment[TRANSPORTS] = "UDPv4"
-    if not files:  # with LOCALHOST, ROS always adds shared memory; this profile gives it no port
+    if not files:  # ROS adds shared memory if LOCALHOST is set; this profile leaves it without a port
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 
@@ -132,7 +132,10 @@ def _asks(content: Any) -> bool:
 
 
 def costmaps_without(node: Any, topic: str) -> list[str]:
-    """Return the costmaps of Nav2 that do not subscribe to a cloud; a simulated robot replaces both."""
+    """Return the costmaps of Nav2 that do not subscribe to a cloud.
+
+    There are none if a simulated robot exists, because it replaces both costmaps.
+    """
     names = {info.node_name for info in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))}
     is_covered = SIMULATOR in names or _UNKNOWN_NAME in names  # the name of a frozen node is unknown to others
     return [] if is_covered else [name for name in COSTMAPS if name not in names]

@@ -25,8 +25,8 @@ NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
 NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # ``nav2`` if it is no command: its launch file; start by hand
 PAGE = "operator_page"  # optional; not a node of the game
 
-#: Meaning of a process's end: it is restarted; it is restarted, and given up if that does not help; the next process
-#: starts if it succeeded; the game ends.
+#: What follows the end of a process. RESTARTED: a restart. SPARE: a restart, or none if restarts do not help.
+#: FIRST_STEP: the start of the next process, if the exit status is 0. FINAL: the end of the game.
 RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final"
 
 

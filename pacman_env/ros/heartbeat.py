@@ -13,7 +13,9 @@ LIMIT_S = 2  # longest silence of a thread that handles messages
 LONG_S = 250  # the same for work of unknown length, such as compiling or the end of a node
 HANGS_S = 8  # after this time beyond the limit, the kernel ends the process
 _PERIOD_S = 0.2
-_LONGEST_LOOK_S = 0.5  # more time between two looks does not count: the observer itself did not run
+_LONGEST_LOOK_S = (
+    0.5  # between two observations; more does not count as silence, because the observer itself did not run
+)
 _WAITING = "RD"  # states in which a thread waits for a processor or the disk
 
 

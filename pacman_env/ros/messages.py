@@ -89,7 +89,7 @@ def number_of(message: Any, low: float, high: float) -> float:
 
 
 def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
-    """Return the positions by id of the pellets that a MarkerArray leaves on an empty display, in its order."""
+    """Return the positions, m, by id of the pellets that are shown after a MarkerArray, in its order."""
     if len(message.markers) > limit:
         raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
     pellets: dict[int, Position] = {}
@@ -240,7 +240,7 @@ def object_of(message: Any, longest: int = LONGEST_JSON) -> dict[str, Any]:
 
 
 def process_of(message: Any) -> dict[str, Any]:
-    """Return the JSON object that describes the process of a String's sender, with a valid ``started``."""
+    """Return the JSON object in a String that describes the sender's process; its ``started`` is valid."""
     content = object_of(message)
     try:
         return content | {"started": started(content)}

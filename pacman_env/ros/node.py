@@ -145,7 +145,7 @@ class GameNode(BaseNode):
         self._differing: dict[str, str] = {}  # nodes with another configuration, by trouble
 
     def acts(self) -> bool:
-        """Return True if only one such node may run: the later one is refused."""
+        """Return True if only one such node may run; of two nodes, the later one ends."""
         return True
 
     def _compare(self, message: Any) -> None:
@@ -314,7 +314,7 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
             for make in makes:
                 nodes.append(make())
             running, stop.breaks_off = True, False
-            settle()
+            release_memory()
             _spin(nodes, stop, longest_s)
         except KeyboardInterrupt:
             pass  # no node with last messages exists yet
@@ -336,9 +336,9 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
 def event_executor(context: Any = None) -> Executor:
     """Return the executor for nodes that spin as long as a game.
 
-    Events wake it, and a game needs half the processor time of SingleThreadedExecutor, which collects all entities of
-    its nodes before each wait. rclpy 7.1.3 has only the latter. Entities should live as long as their node: in a
-    stress test EventsExecutor crashed when subscriptions were destroyed while nodes appeared and disappeared.
+    Events wake it, which needs less processor time than SingleThreadedExecutor, which collects all entities of its
+    nodes before each wait. rclpy 7.1.3 has only the latter. Entities should live as long as their node: in a stress
+    test EventsExecutor crashed when subscriptions were destroyed while nodes appeared and disappeared.
     """
     try:
         from rclpy.experimental.events_executor import EventsExecutor
@@ -374,10 +374,10 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
         executor.shutdown()
 
 
-def settle() -> int:
+def release_memory() -> int:
     """Release memory that only the start needed, and return the number of released mappings."""
     gc.collect()
-    gc.freeze()  # otherwise a collection takes 10 ms because of a compiler's tables
+    gc.freeze()  # otherwise a collection takes long because of a compiler's tables
     if sys.platform != "linux":
         return 0
     madvise = ctypes.CDLL(None).madvise

@@ -30,7 +30,7 @@ class Surroundings:
         """Receive each new publisher, client and service of the node."""
 
     def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """Return the profile with which the middleware queues messages for a subscription of this profile."""
+        """Return the middleware's profile for a subscription with ``qos_profile``; lock-step lengthens its queue."""
         return qos_profile
 
     def monotonic(self) -> float:

@@ -46,7 +46,10 @@ class Fragment(NamedTuple):
 def choose(
     network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
 ) -> tuple[FragmentChoices, NDArray[np.int64]]:
-    """Return a choice for each situation and its numbers of candidates; draw with the generator, or take the best."""
+    """Return the network's choice for each situation, and the numbers of the chosen candidates (N,).
+
+    The choices are drawn with ``generator``; None: the best ones.
+    """
     seen = {key: torch.from_numpy(array) for key, array in observation.items()}
     situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
     logits, values = network.judge_packed(situations.of(slice(None)))
@@ -121,9 +124,9 @@ def use_device(name: str) -> str:
     """Set torch up for reproducible training; raises ValueError if the device cannot be used."""
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of sums varies
     torch.set_deterministic_debug_mode("error")  # use_deterministic_algorithms imports a compiler for two seconds
-    torch.utils.deterministic.fill_uninitialized_memory = False  # type: ignore[attr-defined]  # none is read
+    torch.utils.deterministic.fill_uninitialized_memory = False  # none is read
     torch.set_num_threads(1)  # the learner has its own threads
-    torch.empty(31 << 20, dtype=torch.uint8)  # after this, glibc reuses large blocks (5 times faster)
+    torch.empty(31 << 20, dtype=torch.uint8)  # after this, glibc reuses large blocks
     if name.partition(":")[0] not in ("cpu", "cuda"):
         raise ValueError(f"device = {name!r}: must be cpu or cuda, or cuda:N of several")
     try:

@@ -220,8 +220,8 @@ def make_parts(
 ) -> list[Part]:
     """Return the parts of a segment, with their own houses; in every fourth part, houses are twice as wide and sparse.
 
-    Each part has one of the hyperparameters' line-ups, where ``learned`` moves ghosts of this name. ``again`` contains
-    earlier levels by line-up, which replace half of the segment's own levels in houses of usual size.
+    Each part has one of the hyperparameters' line-ups; ``learned`` moves the ghosts called ``learned``. ``again``
+    contains earlier levels by line-up, which replace half of the segment's own levels in houses of usual size.
     """
     hyper = arguments.hyper
     if hyper.levels > VALIDATION_LEVEL:

@@ -83,7 +83,7 @@ class HeldOut:
         self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
-        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves ghosts of this name."""
+        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves the learned ghosts."""
         tasks = []
         for lineup, rows in self.rows.items() if len(self.seeds) else ():
             names = behaviours(lineup)
@@ -105,7 +105,7 @@ class HeldOut:
         return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
 
     def learned(self) -> NDArray[np.int64]:
-        """Return the numbers of the rounds with a ghost that a member of the league moves."""
+        """Return the numbers (M,) of the rounds with a ghost that a member of the league moves."""
         numbers = np.arange(len(self.seeds))
         parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
         return np.concatenate([*parts, numbers[:0]])

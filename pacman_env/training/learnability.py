@@ -25,7 +25,7 @@ class LevelCounts:
         self._counts[sub_batch][level] = won + completed, rounds + 1
 
     def best(self) -> dict[str, list[int]]:
-        """Return the levels to play again by line-up, the best first, at most half of the levels that it played."""
+        """Return by line-up the levels to play again, best first: at most half of the levels that it played."""
         levels: dict[str, list[int]] = {}
         for lineup in dict.fromkeys(one for one in self.lineups if one is not None):
             own = [counts for one, counts in zip(self.lineups, self._counts, strict=True) if one == lineup]

@@ -22,7 +22,7 @@ _AROUND = re.compile(r"\s*([,@+-])\s*")  # spaces around separators
 _FUTURES = 1  # sampled futures of wandering ghosts among others, in the teacher's search
 #: Segments that the search needs for a decision.
 LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
-SUB_BATCHES = 4  # per segment; with several line-ups at least, if they can be divided so
+SUB_BATCHES = 4  # per segment; several line-ups need more if the games cannot be divided otherwise
 
 
 def _parts(lineup: str) -> tuple[str, str | None, str | None]:

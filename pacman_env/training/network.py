@@ -50,7 +50,7 @@ def joined(parts: Iterable[PackedSituations]) -> PackedSituations:
 
 
 class _Maximum(torch.autograd.Function):
-    """Maximum over candidates; equal maxima share the gradient. Twice as fast as ``amax``."""
+    """Maximum over candidates; equal maxima share the gradient. Faster than ``amax``."""
 
     @staticmethod
     def forward(ctx: Any, encoded: torch.Tensor) -> torch.Tensor:
@@ -130,6 +130,10 @@ class EntityNetwork(nn.Module):
 
     @staticmethod
     def _halves(layer: nn.Linear, inputs: int, shown: torch.Tensor | float = 1.0):  # type: ignore[no-untyped-def]
-        """Split a layer over [own numbers, context] in two, to compute the context's part once per situation."""
+        """Split a layer over [own numbers (B, C, n), context (B, m)] in two functions, one of each part.
+
+        The part of the context is then computed once per situation. n is ``inputs``, and ``shown`` (n,) scales the own
+        numbers.
+        """
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
         return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)

@@ -130,7 +130,7 @@ class PPO:
     def _loss(
         self, rollout: Rollout, advantages: torch.Tensor, ent_coef: float, count: int, rows: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the PPO loss of some rows of a minibatch of ``count``, and their part of ``_METRICS``."""
+        """Return the PPO loss of the ``rows`` (M,) of a minibatch of ``count``, and their part of ``_METRICS``."""
         clip_range = self.hyper.clip_range
         logits, values = self.network.judge_packed(rollout.situations.of(rows))
         log_probs = logits.log_softmax(dim=1)

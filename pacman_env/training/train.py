@@ -74,7 +74,7 @@ def make_parser(default: Arguments | None = None) -> Parser:
 
 
 def _sections() -> argparse.ArgumentParser:
-    """Return a parser of the options that select the defaults of the others."""
+    """Return a parser of ``--quick`` and ``--config``, which decide the defaults of the other options."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
     file = FOLDER / "PacManBot-v1.yaml"

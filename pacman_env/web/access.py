@@ -116,7 +116,7 @@ def host_name(host: str) -> str | None:
 
 
 def names_of(host: str, address: str) -> tuple[str, ...]:
-    """Return the names by which a server bound to ``host``, which is ``address``, may be requested."""
+    """Return the Host headers to accept: ``host``, its IP address, and this machine's names."""
     if is_loopback(address):
         return (host, address, "localhost")
     here = socket.gethostname()

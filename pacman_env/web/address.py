@@ -71,8 +71,8 @@ def qr_code(text: str) -> str:
     return out.getvalue().rstrip("\n")
 
 
-def greeting(url: str, tokens: Tokens | None) -> str:
-    """Return the lines that the terminal shows at the start: the links, and who can use them."""
+def start_text(url: str, tokens: Tokens | None) -> str:
+    """Return the text that the terminal shows at the start: the links, and who can use them."""
     if tokens is None:
         return f"The page: {url} (on this computer alone; Ctrl-C ends it)"
     operator = with_token(url, tokens.operator)

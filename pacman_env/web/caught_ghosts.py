@@ -21,8 +21,8 @@ class CaughtGhosts:
         self.new: list[int] = []  # numbers of the ghosts caught since the update before
         self._streak = self._power_left = 0
         self._catches: NDArray[np.float64] = np.zeros((0, 3))  # place and points of the last one by ghost, NaN: none
-        self._places: NDArray[np.float64] = np.zeros((0, 2))  # of the last update, and the times until which ghosts
-        self._away_until: NDArray[np.float64] = np.zeros(0)  # are away
+        self._places: NDArray[np.float64] = np.zeros((0, 2))  # at the last update
+        self._away_until: NDArray[np.float64] = np.zeros(0)  # at the last update: s, until which each ghost is away
 
     def update(
         self, places: NDArray[np.float64], until_s: NDArray[np.float64], now_s: float, power_left: int

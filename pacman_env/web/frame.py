@@ -28,14 +28,14 @@ Pose = tuple[Metres, Metres, Radians]  # x, y, heading
 
 
 class OptionalFields(msgspec.Struct, frozen=True, kw_only=True):
-    """Fields of a frame that are left out where they have no value."""
+    """Fields of a frame that are left out if they have no value."""
 
-    lives: int | UnsetType = UNSET  # left, if a person plays the robot of a simulated game
-    begins_in_s: Seconds | UnsetType = UNSET  # left of the start show; only during it
-    # Only of games with power pellets.
+    lives: int | UnsetType = UNSET  # lives left; only set if a person plays the robot of a simulated game
+    begins_in_s: Seconds | UnsetType = UNSET  # until the end of the start show; only set during the show
+    # Only set in games with power pellets.
     ghosts_caught: int | UnsetType = UNSET  # in this round
-    harmless_s: Times | UnsetType = UNSET  # left, until each ghost is dangerous again
-    away_s: Times | UnsetType = UNSET  # left, until each caught ghost starts again; until then its eyes are shown
+    harmless_s: Times | UnsetType = UNSET  # until each ghost is dangerous again
+    away_s: Times | UnsetType = UNSET  # until each caught ghost starts again; the page shows its eyes
     points: PlacedPoints | UnsetType = UNSET  # x, y and points of the ghosts that have just been caught
 
 

@@ -55,7 +55,7 @@ class Game(Protocol):
     source: Literal["simulator", "ros"]
 
     def close(self) -> None: ...  # the robot stops
-    def greet(self) -> None: ...  # the first person arrives: reset the viewing options
+    def reset_options(self) -> None: ...  # the first person arrives: reset the viewing options
     def choices(self) -> dict[str, Any]: ...  # values for a setup (docs/dev/web_protocol.md, "choices")
     def scene(self) -> Scene: ...
     def frame(self) -> Frame | None: ...  # None: nothing known yet

@@ -31,7 +31,7 @@ _HOME_S = 2.0  # real time for showing the end of a round
 _STEPS = 64  # steps of a tick that frames distinguish
 _THEME_S = 6.0  # a shorter start show has a short melody, so that sounds of the round are heard
 _LIVES = 3  # lives of a person who plays the robot
-_REHEARSED = 6  # ticks, enough for the planner to plan and for goals to begin
+_HIDDEN_TICKS = 6  # ticks, enough for the planner to plan and for goals to begin
 
 
 class Match:
@@ -63,12 +63,12 @@ class Match:
         self._home_due_s: float | None = None  # real time
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde, show, config.power)
-        self._gained = 0  # score of the last tick
+        self._gained = 0  # points gained in the last tick
         self._lives = _LIVES
         self._retry: tuple[int, int, int] | None = None  # round, score and seed of a person's next try
         self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
         self._number = 0  # number of the frame
-        self._key: Any = None  # content of the frame
+        self._key: Any = None  # everything that decides the content of the frame; a change gives the frame a new number
 
     @property
     def state(self) -> str:
@@ -214,7 +214,7 @@ class Match:
         ghost_roles = frozenset(k for k in self.driving.roles.ghosts() if k < len(self._rules.ghosts))
         played = self._laid_out(speed, seed, ghost_roles)
         if self.driving.plays_robot:
-            played.play_beside()
+            played.play_second_policy()
         config = played.config
         with self._lock:
             self._next_seed = None
@@ -237,10 +237,10 @@ class Match:
         except ValueError as error:
             raise Refused(str(error)) from error
 
-    def rehearse(self) -> None:
+    def compile_kernels(self) -> None:
         """Play some ticks of a hidden round, so that kernels are compiled now and not during a round."""
         played = self._laid_out(None, 0, frozenset([0]))
-        for _ in range(_REHEARSED):
+        for _ in range(_HIDDEN_TICKS):
             played.step(Orders())
         played.why_now()
         played.lidar()

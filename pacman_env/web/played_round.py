@@ -143,19 +143,19 @@ class PlayedRound:
                 goals[number] = self.assets.clyde.position[cell]
         return goals
 
-    def play_beside(self) -> None:
+    def play_second_policy(self) -> None:
         """Let the policy play the same round next to the person, if no tick has been played."""
         if self.ticks == 0 and not self.placed and not self.ghost_roles:
-            self.baseline = self._again(self.names[:1])
+            self.baseline = self._same_round(self.names[:1])
             self.snapshots = [self._snapshot()]
 
-    def _again(self, names: Sequence[str]) -> "PlayedRound":
+    def _same_round(self, names: Sequence[str]) -> "PlayedRound":
         return PlayedRound(self.config, self._source, copy.deepcopy(self._ghosts), names, self.seed)
 
     def second_result(self) -> dict[str, Any] | None:
         """Return the result of the second policy in the same round, or None if a person has influenced the round."""
         changed = self.by_person or self.placed or self.ghost_roles
-        return None if changed or len(self.names) < 2 else self._again(self.names[1:]).finish()
+        return None if changed or len(self.names) < 2 else self._same_round(self.names[1:]).finish()
 
     def finish(self) -> dict[str, Any]:
         """Play to the end and return the result."""

@@ -46,7 +46,10 @@ class RequestHandler:
         self._game = game
 
     async def carry_out(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Handle a message and answer it; ``stops`` stops arrived before. A refused message changes nothing."""
+        """Handle a message and answer it; a refused message changes nothing.
+
+        ``stops`` is the number of stops that had arrived before the message.
+        """
         name, on_robot = viewer.name, self._game.source == "ros"
         if not isinstance(message, (*messages.FOR_ALL, *_FREE)):
             self.control.take(name)

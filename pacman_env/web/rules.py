@@ -12,7 +12,7 @@ from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
 from pacman_env.game.pellets import generate_pellets
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names
 from pacman_env.sim.maps.assets import map_assets
@@ -99,7 +99,7 @@ class Choices:
             *(("behaviour", ghost, facts["behaviours"]) for ghost in rules.ghosts),
         ):
             if name not in known:
-                raise Refused(f"{what} {name!r}: {offer(name, known)}")
+                raise Refused(f"{what} {name!r}: {suggest(name, known)}")
         for name in rules.settings.keys() - {setting.name for setting in self._settings}:
             raise Refused(f"setting {name!r}: cannot be set on this page")
         longest = rules.settings.get("time_limit_s", 0.0)

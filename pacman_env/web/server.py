@@ -21,7 +21,7 @@ from starlette.routing import WebSocketRoute
 from starlette.types import ASGIApp
 
 from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
-from pacman_env.web.address import bind, greeting, link, with_token
+from pacman_env.web.address import bind, link, start_text, with_token
 from pacman_env.web.game import Game
 from pacman_env.web.log import Log
 from pacman_env.web.messages import MOST_BYTES
@@ -169,7 +169,7 @@ def serve(
     with WebServer(game, host, port, names=names, viewers=viewers) as server:
         before = {one: signal.signal(one, lambda *_: ended.set()) for one in (signal.SIGINT, signal.SIGTERM)}
         try:
-            print(greeting(server.public_url, server.tokens), flush=True)
+            print(start_text(server.public_url, server.tokens), flush=True)
             if opened is not None:
                 opened(server.url)
             while not ended.wait(_WAKE_S):

@@ -192,7 +192,7 @@ class Sessions:
             self._spawn(self._take_turn(viewer, message, self.requests.stops))
 
     async def _stop(self, viewer: Viewer) -> None:
-        """Stop the game. Stops that arrive during a stop count as one more."""
+        """Stop the game. All stops that arrive while it is being stopped are handled together by one more call."""
         while viewer.stops:
             stops, viewer.stops = viewer.stops, []
             refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))

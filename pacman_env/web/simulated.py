@@ -93,7 +93,7 @@ class SimulatedGame:
                     self._match.driving.hand = None
                 self._news.add(words=f"{'stopped' if stopped else 'released'} by {person}")
 
-    def greet(self) -> None:
+    def reset_options(self) -> None:
         with self._lock:
             self._match.clock.set_speed(self._speed)
             self._match.feedback.armed = False
@@ -108,7 +108,7 @@ class SimulatedGame:
         try:
             self._news.add(words="preparing the first round; on a new computer the rules are compiled once")
             try:
-                self._match.rehearse()
+                self._match.compile_kernels()
                 self._match.lay_out()
             except ValueError as refused:  # unusable rules of the command line
                 self._news.add(words=str(refused))

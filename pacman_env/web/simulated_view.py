@@ -142,7 +142,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         linked = replace(linked, level=played.level)
     if power_pellets:  # later rounds have a shorter time
         linked = replace(linked, settings={**rules.settings, "power.duration_s": config.power.duration_s})
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # depends on names and numbers alone
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # names and numbers decide everything
     height, width = assets.occupancy.grey.shape
     facts = {
         **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),

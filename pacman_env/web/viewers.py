@@ -48,7 +48,7 @@ class Outbox:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
-        """Send ``bye`` instead of what waits, and nothing afterwards."""
+        """Replace everything that waits by a last message ``bye`` with these words."""
         if not self.why_ended:
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
@@ -128,7 +128,7 @@ class Audience:
         self.viewers: list[Viewer] = []
         self.pictures: dict[int, bytes] = {}  # pictures by revision of the scene
         self._game, self._most, self._people = game, most, people
-        self._greets = False  # a new person is the only one
+        self._options_due = False  # True: reset the options at the next poll, because a person came to an unused page
         self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
@@ -141,7 +141,7 @@ class Audience:
         return len(self.viewers) < self._most + (MORE_OPERATORS if access == "operator" else 0)
 
     def add(self, viewer: Viewer, is_new: bool) -> None:
-        self._greets |= is_new and not self.viewers
+        self._options_due |= is_new and not self.viewers
         self.viewers.append(viewer)
 
     def remove(self, viewer: Viewer) -> None:
@@ -156,9 +156,9 @@ class Audience:
             self._watched = watched
         if not viewers:
             return None
-        if self._greets:
-            self._game.greet()
-            self._greets = False
+        if self._options_due:
+            self._game.reset_options()
+            self._options_due = False
         choices = self._game.choices() if any(viewer.is_fresh for viewer in viewers) else {}
         frame, scene = self._game.frame(), self._scene
         if scene is None or frame is None or frame.revision != scene.revision:

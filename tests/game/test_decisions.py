@@ -77,7 +77,7 @@ def test_the_first_decision_of_a_round_is_due() -> None:
     assert last.due(moment(0.0))
     last.decide(1, moment(0.0))
     assert not last.due(moment(TICK_S))
-    last.forget()
+    last.clear()
     assert last.due(moment(TICK_S))
     assert decided(config=make_config()).due(moment(TICK_S))  # decisions at each tick
 

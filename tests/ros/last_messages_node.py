@@ -1,4 +1,4 @@
-"""A node for the tests of ``run``: greets when it is up, and says its last messages."""
+"""A node for the tests of ``run``: reports that it is up, and says its last messages."""
 
 import sys
 import time
@@ -27,12 +27,12 @@ class LastMessagesNode(BaseNode):
         topics.GAME_EVENT.subscription(self, self._event)
         self.state.publish(String(data="making"))
         time.sleep(self.pause_s)
-        self.greeting = self.create_timer(0.01, self._greet)
+        self.start_timer = self.create_timer(0.01, self._report_start)
 
-    def _greet(self) -> None:
+    def _report_start(self) -> None:
         """Say that the node spins, and finds the service that it may have to call."""
         if not self.call or self.reset.service_is_ready():
-            self.greeting.cancel()
+            self.start_timer.cancel()
             self.commands.publish(String(data="first"))  # a node that gets it will get the last one
             self.state.publish(String(data="here"))
 

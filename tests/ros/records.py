@@ -74,9 +74,9 @@ class Records:
         message = self.latest(topic)
         return None if message is None else message.data
 
-    def forget(self, *forgotten: Topic) -> None:
+    def clear(self, *topics: Topic) -> None:
         """Drop what was recorded so far on some topics; none: on all."""
-        names = {topic.name for topic in forgotten} or set(self._by_topic)
+        names = {topic.name for topic in topics} or set(self._by_topic)
         self.records[:] = [one for one in self.records if one.topic not in names]
         for name in names:
             self._by_topic[name].clear()

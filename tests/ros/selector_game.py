@@ -70,7 +70,7 @@ class Game:
 
     def start(self, **parameters: Any) -> None:
         """Start the node, and wait until it decides."""
-        self.session.forget()
+        self.session.clear()
         own = {"policy": "nearest", "settings": QUICK, "map_yaml": "house", "diagnostics_rate": 10.0, **parameters}
         self.session.start(SELECTOR, **own)
         self.session.wait_for(lambda: self.session.messages(topics.DIAGNOSTICS), what="the goal selector")

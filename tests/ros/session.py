@@ -122,11 +122,11 @@ class Session(Records):
         setattr(self.game.messages, "put", keep)  # noqa: B010
         member.present = False
 
-    def thaw(self, member: Member, *, forget: bool = False) -> None:
-        """Run a frozen node again, without its waiting messages if they are to be forgotten."""
+    def thaw(self, member: Member, *, drop: bool = False) -> None:
+        """Run a frozen node again, and drop its waiting messages if ``drop``."""
         inbox = self._inboxes.pop(member)
         member.present = True
-        self.game.messages.queue.extend([] if forget else inbox)
+        self.game.messages.queue.extend([] if drop else inbox)
 
     # What nodes publish
 

@@ -193,7 +193,7 @@ def test_second_clock_in_domain_is_refused(probe: Probe, system: System) -> None
     assert second.wait(START_S) == 2
     system.processes.remove(second)
     assert "another clock runs in this ROS domain: /robot_15/sim_robot" in second.output
-    probe.forget()
+    probe.clear()
     probe.wait_for(lambda: len(probe.on(topics.CLOCK)) > 5, what="the first clock to go on")
     assert first.popen.poll() is None
 

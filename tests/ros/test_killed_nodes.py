@@ -64,7 +64,7 @@ class Game(session.Session):
         yield
         self.advance(since_s + FROZEN_S - self.now_s)
         member.node.status = STOOD_STILL
-        self.thaw(member, forget=True)
+        self.thaw(member, drop=True)
         self.within(lambda: None, member.node)  # a node with a status ends after its callback
         assert [one[1:] for one in self.nodes.restarts[restarts:]] == [(name, STOOD_STILL)]
         self.wait_for(lambda: self.nodes.member(name), RESTART_S + 0.1, f"{name} to be there")
@@ -86,7 +86,7 @@ def spawned(game: Game) -> int:
     assert game.call(topics.RESET_GAME).success
     game.until("menu")
     game.advance(2.0)  # the robot stands
-    game.forget()
+    game.clear()
     assert game.call(topics.START_GAME).success
     game.until("running")
     assert not game.value(topics.PELLETS_COLLECTED)
@@ -140,7 +140,7 @@ def test_frozen_pellet_manager_has_all_pellets_later(game: Game, spawned: int) -
     with game.frozen("pellet_manager"):
         game.play_to_the_end(spawned)
         game.until("menu")
-        game.forget(topics.GAME_RESULT, topics.REMOVE_PELLET)
+        game.clear(topics.GAME_RESULT, topics.REMOVE_PELLET)
         assert game.call(topics.START_GAME).success
         game.until("starting")
     game.until("running")  # the round has waited for its pellets

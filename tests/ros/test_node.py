@@ -29,7 +29,7 @@ def up(probe: Probe, system: System, *arguments: str, **parameters: Any) -> Proc
     probe.record(topics.GAME_STATE, topics.GAME_COMMAND)
     probe.wait_for(lambda: "here" in probe.values(topics.GAME_STATE), what="the node")
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["first"], what="its first command")
-    probe.forget()
+    probe.clear()
     return process
 
 
@@ -253,7 +253,7 @@ PROGRAM = """
 import gc, re
 from pathlib import Path
 import numba
-from pacman_env.ros.node import settle
+from pacman_env.ros.node import release_memory
 
 def resident_mb():
     return int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
@@ -267,7 +267,7 @@ def triple(x):
     return 3 * x
 
 assert double(21) == 42
-before, mappings = resident_mb(), settle()
+before, mappings = resident_mb(), release_memory()
 print(mappings, before - resident_mb(), gc.get_freeze_count())
 assert double(21) == 42 and triple(14) == 42  # what was compiled runs on, and more can be compiled
 """

@@ -132,7 +132,7 @@ def test_nodes_play_two_rounds_of_original_referee(domain: int, tmp_path: Path, 
         nodes.stop(REFEREE)
         original = nodes.start(REFEREE, lambda: Original(TRANSCRIPTS["referee"], loses_bursts)).node
         assert isinstance(original, Original)
-        nodes.forget()
+        nodes.clear()
         play(nodes, original)
         reports = [(topics.GAME_STATUS.name, word) for word in nodes.values(topics.GAME_STATUS)]
         assert reports == heard_in("referee", "hears")
@@ -147,10 +147,10 @@ def test_referee_counts_reports_of_original_planner(domain: int, tmp_path: Path)
         nodes.record(topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_RESULT, topics.SCORE, topics.GAME_STATE)
         nodes.start("clyde_ghost_node", map_yaml="loop", settings=list(SETTINGS))
         nodes.start(REFEREE, settings=list(SETTINGS))
-        nodes.forget()
+        nodes.clear()
         original = nodes.start("original", lambda: Original(TRANSCRIPTS[name])).node
         assert isinstance(original, Original)
-        nodes.forget()
+        nodes.clear()
         play(nodes, original)
         assert [(one.topic, one.value) for one in nodes.records] == heard_in(name, "hears")
         assert nodes.errors() == []

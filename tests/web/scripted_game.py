@@ -45,8 +45,8 @@ class ScriptedGame:
     def close(self) -> None:
         self._called("close")
 
-    def greet(self) -> None:
-        self._called("greet")
+    def reset_options(self) -> None:
+        self._called("reset_options")
 
     def choices(self) -> dict[str, Any]:
         self._called("choices", kept=False)

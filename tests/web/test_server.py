@@ -232,16 +232,16 @@ def test_control_is_free_after_page_has_left(
         assert other.ask("role", role="robot")["ok"]
 
 
-def test_game_greets_newcomer_only_if_nobody_is_connected(game: ScriptedGame, server: WebServer) -> None:
+def test_options_are_reset_only_if_page_is_unused(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as two:
-        assert game.calls.count(("greet",)) == 1
+        assert game.calls.count(("reset_options",)) == 1
     wait_for(lambda: {("leave", one.name), ("leave", two.name)} <= set(game.calls))
     with Page(server, again=one.hello["again"]) as back:
         assert back.name == one.name
-        assert game.calls.count(("greet",)) == 1
+        assert game.calls.count(("reset_options",)) == 1
     wait_for(lambda: game.calls.count(("leave", one.name)) == 2)
     with Page(server):
-        assert game.calls.count(("greet",)) == 2
+        assert game.calls.count(("reset_options",)) == 2
 
 
 def test_page_regains_name_control_role_on_return(game: ScriptedGame, server: WebServer) -> None:

@@ -136,7 +136,7 @@ def test_pause_and_speed_change_the_simulated_time(game: SimulatedGame) -> None:
     assert frame(game).speed == 3
     game.handle("Ann", m.Pause(on=False))
     wait_for(lambda: frame(game).time_s > held.time_s or frame(game).state != "running")
-    game.greet()
+    game.reset_options()
     assert frame(game).speed == 50, "a newcomer alone gets the speed of the start"
 
 

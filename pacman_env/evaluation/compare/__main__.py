@@ -108,7 +108,7 @@ def _write_views(content: dict[str, Any], written: dict[str, Path], settings: st
 
 
 def _write_films(content: dict[str, Any], written: dict[str, Path], cell: Cell, policies: dict[str, str]) -> None:
-    """Write the film, and the page, of which the film and its first frame are parts."""
+    """Write the film, and the page that contains the film and its first frame."""
     video, poster = written.get("video"), None
     if video is not None:
         from pacman_env.evaluation.replay import film_games, first_frame, record_games

@@ -20,7 +20,7 @@ from pacman_env.config.yaml_files import read_yaml
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
 from pacman_env.files import shipped
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 
 SUITES = shipped("evaluation/suites", "eval/suites") / "leaderboard.yaml"
 EPISODES = 200  # default number of rounds of a cell
@@ -90,7 +90,7 @@ def choose_suite(path: Path, name: str) -> Suite:
     """Return one suite of a file; raises ValueError for an unknown name or an invalid file."""
     suites = read_suites(path)
     if name not in suites:
-        raise ValueError(f"{path}: no suite {name!r}: {offer(name, suites)}")
+        raise ValueError(f"{path}: no suite {name!r}: {suggest(name, suites)}")
     return suites[name]
 
 

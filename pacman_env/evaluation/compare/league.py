@@ -61,7 +61,10 @@ def headline(rows: Sequence[Row]) -> str:
 
 
 def against_best(cell: Sequence[Row]) -> tuple[str, str]:
-    """Return the verdict on the first policy, and its difference to the other policy that completed most."""
+    """Compare the first policy with the best of the others, which has the highest completion rate.
+
+    Return the verdict on the first policy, and the difference of the two rates with its interval.
+    """
     best = max(cell[1:], key=lambda row: row["completion_rate"])
     low, high = (-limit for limit in reversed(best["paired_ci"]))
     verdict = "better" if low > 0 else "WORSE" if high < 0 else "not different"
@@ -96,7 +99,7 @@ def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
 
 
 def about_group(content: dict[str, Any], cell: Sequence[Row]) -> str:
-    """Return what the rounds of a group's cells are played on, and how many there are."""
+    """Return a sentence with the maps and the number of rounds of a group of cells."""
     rounds = f"{_count(cell[0]['episodes'], 'round')} a cell and policy"
     levels = next(place for place in content["maps"] if "num_levels" in place)
     if cell[0]["map"] == levels["name"]:

@@ -88,13 +88,13 @@ def command(arguments: argparse.Namespace, parser: Parser) -> str:
 
 
 def _file_of(spec: str) -> dict[str, str]:
-    """Return the hash of a planner's file, or nothing for other policies."""
+    """Return the hash of a planner's file as ``sha256``; {} for other policies."""
     about = {} if is_checkpoint(spec) else describe_policy(load_policy(spec), spec)
     return {"sha256": about["sha256"]} if "sha256" in about else {}
 
 
 def replay_command(content: dict[str, Any], row: Row, number: int) -> str:
-    """Return the command that plays the round ``number`` of a row again with the first policy and the row's."""
+    """Return the command that replays round ``number`` of a row with the first policy and the policy of the row."""
     arguments, first = content["arguments"], content["policies"][0]
     spec = next(one["spec"] for one in content["policies"] if one["name"] == row["policy"])
     words = ["pacman-env", "replay", content["seeds"][number]]

@@ -30,9 +30,9 @@ def group_title(row: Row) -> str:
 
 
 def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> str:
-    """Return the table of all rows; columns beyond ``width`` follow below, next to the policies again.
+    """Return the table of all rows; columns beyond ``width`` characters follow below, again with the policies.
 
-    With ``power``, which means power pellets, there is a column of the ghosts caught.
+    With ``power`` (the game has power pellets) there is a column of the ghosts caught.
     """
     tables = [table_of(group, power=power) for group in groups(rows)]
     header, cells = tables[0][0], [block for _, block in tables]

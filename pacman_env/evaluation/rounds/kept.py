@@ -163,7 +163,7 @@ class _Descriptions:
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """Describe the choices of a policy with ``spec`` as plain data: a planner's file, or names, code and base."""
+    """Describe a policy as plain data that decides its choices: a planner's file, or names, code and base policy."""
     about: dict[str, Any] = {}
     kind = type(policy)
     if isinstance(policy, LearnedPlanner):
@@ -232,6 +232,6 @@ def _concatenated(pieces: Sequence[Played]) -> Played:
 
 
 def _in_order(seeds: NDArray[np.uint64], records: NDArray, times: NDArray[np.float64]) -> Played:
-    """Return the records of these seeds in their order, without other records."""
+    """Return the records (E,) with these ``seeds`` (E,), in their order, and the times (T,), ms."""
     place = {seed: number for number, seed in enumerate(records["seed"].tolist())}
     return records[[place[seed] for seed in seeds.tolist()]], times

@@ -79,7 +79,7 @@ def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSou
 def parts_of_play(
     scenario: Scenario | OccupancyMap, config: Config, seeds: NDArray[np.uint64], parts: int
 ) -> list[NDArray[np.int64]]:
-    """Divide the numbers of the rounds into at least ``parts`` parts that are played one after the other.
+    """Divide the numbers of the rounds, one per seed (E,), into at least ``parts`` parts that are played one by one.
 
     Rounds of one level are adjacent, and a part has no more levels than are cached; results do not change.
     """

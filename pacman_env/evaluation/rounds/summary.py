@@ -54,8 +54,8 @@ def make_row(
 ) -> Row:
     """Return the row of one policy.
 
-    ``about`` are the fields that identify the row, ``played`` its rounds on each map, ``others`` the records of the
-    policy for comparison on the same maps. Raises ValueError if the seeds of the two differ.
+    ``about`` are the fields that identify the row, ``played`` its rounds on each map, and ``others`` the records (E,)
+    of the policy for comparison on the same maps. Raises ValueError if the seeds of the two differ.
     """
     parts = [records for records, _ in played]
     for ours, theirs in zip(parts, others or parts, strict=True):
@@ -103,7 +103,7 @@ def worst_tenth(parts: Sequence[NDArray]) -> Row | None:
 
 
 def of_rounds(parts: Sequence[NDArray], others: Sequence[NDArray] | None = None) -> Row:
-    """Return the fields of a row of kind ``round``, from the records on each map."""
+    """Return the fields of a row of kind ``round``, from the records (E,) on each map."""
     records = np.concatenate(parts)
     complete = records["end"] == COMPLETE
     difference, interval = (0.0, (0.0, 0.0)) if others is None else compare_completion(parts, others)

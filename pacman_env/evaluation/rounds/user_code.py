@@ -83,7 +83,7 @@ def _reach(starts: Sequence[str]) -> tuple[dict[str, Path], set[str], set[str]]:
 
 
 def _locate(name: str) -> tuple[str | None, list[str]]:
-    """Return the file and the folders (of a package) of a module, without importing it."""
+    """Return the file of a module, and the folders if it is a package, without importing it."""
     if (module := sys.modules.get(name)) is not None:
         return getattr(module, "__file__", None), list(getattr(module, "__path__", []))
     parent, _, last = name.rpartition(".")

@@ -2,7 +2,8 @@
 
 Nodes are stored in layers by time. The best nodes of each layer are continued; of nodes with the same place, goal and
 pellets only the best one. The value of a node is the worth of its collected pellets (more for earlier ones), reduced if
-a ghost came near. Its safety is also reduced for a short lead, and counts at the end of the horizon.
+a ghost came near. Its safety is also reduced for a short lead, and counts at the end of the horizon. In all kernels
+``s`` is a record of ``SETTINGS`` and ``model`` a ``Model``.
 """
 
 from typing import Any, NamedTuple
@@ -42,7 +43,7 @@ SETTINGS = np.dtype(
         ("near_m", np.float64),
     ]
 )
-DEAD = -1000.0  # value of a first choice that always leads to death, plus the s until then
+DEAD = -1000.0  # value of a first choice that always leads to death, plus the seconds until then
 PRUNED = -500.0  # added if no line was followed to the end
 
 
@@ -71,7 +72,10 @@ def new_memory(width: int, ghosts: int, settings: NDArray[Any]) -> BeamMemory:
 
 @kernel
 def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
-    """Write the goals with which a node may be continued, and return their number."""
+    """Write the goals with which a node may be continued to ``goals`` (int64), and return their number.
+
+    Goals from ``refuges`` on are refuges.
+    """
     length = model.map.robot_length[node.block]
     most = s.pellets + s.refuges
     goals[:most] = -1
@@ -99,7 +103,7 @@ def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def _rate(node, ghosts, model, s, start_s, over):  # type: ignore[no-untyped-def]
-    """Set a node's value and safety; ``over`` is True if its line ends there."""
+    """Set a node's value and safety, given its ghosts (G,); ``over`` is True if its line ends there."""
     value = s.pellet_worth * node.collected - s.second_worth * (node.collected_s - start_s * node.collected)
     if node.closest_m < s.near_m:
         value -= s.near_worth * (1.0 - node.closest_m / s.near_m)
@@ -122,12 +126,16 @@ def _rate(node, ghosts, model, s, start_s, over):  # type: ignore[no-untyped-def
 
 @kernel
 def _same(a, b):  # type: ignore[no-untyped-def]
+    """Return True if two nodes have the same place, goals and pellets."""
     return (a.block == b.block) & (a.pellets == b.pellets) & (a.goal == b.goal) & (a.then == b.then)
 
 
 @kernel
 def _keep_best(nodes, order, count, width, kept):  # type: ignore[no-untyped-def]
-    """Add nodes of a layer to the ``count`` kept ones, in ``order`` and up to ``width``, without equivalent nodes."""
+    """Add nodes of a layer, in ``order`` (indices), to the first ``count`` of ``kept``, without equivalent nodes.
+
+    Return the new count, at most ``width``.
+    """
     for k in range(len(order)):
         if count >= width:
             break
@@ -143,7 +151,7 @@ def _keep_best(nodes, order, count, width, kept):  # type: ignore[no-untyped-def
 
 @kernel
 def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
-    """Select the nodes of a layer that are continued (half by value, half by safety) and return their number.
+    """Write the indices of the nodes to continue to ``kept`` (half by value, half by safety); return their number.
 
     By value alone, lines that collect pellets and then die would crowd out lines that survive.
     """
@@ -155,7 +163,8 @@ def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
 def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
     """Write the value ``best`` (R,) of the best line that starts with each goal ``choices`` (R,).
 
-    ``begin`` is a ``CoarseStart`` whose robot is a ``NODE``. Returns the number of played segments.
+    ``begin`` is a ``CoarseStart`` whose robot is a ``NODE``, ``settings`` (1,) are SETTINGS, and ``room`` is a
+    ``BeamMemory``. Returns the number of played segments.
     """
     s, model, start_s = settings[0], begin.model, begin.robot[0].time_s
     layers = len(room.counts)

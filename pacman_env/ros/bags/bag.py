@@ -80,9 +80,10 @@ class Bag:
 
 @contextlib.contextmanager
 def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
-    """Open the game of one robot, or of the only one, in a bag's folder or in its .mcap or .db3 file.
+    """Open a recording: a folder, or its ``.mcap`` or ``.db3`` file.
 
-    Raises BagError if the bag cannot be read or differs from its checksums.
+    ``namespace`` selects the robot; it may be None if the bag contains one robot. Raises BagError if the bag cannot be
+    read or differs from its checksums.
     """
     try:
         reader = Reader(path)
@@ -98,7 +99,10 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 
 
 def check(path: Path) -> str:
-    """Raise BagError if a file differs from its checksums; return what could not be checked, empty if nothing."""
+    """Raise BagError if a file differs from its checksums.
+
+    Return a text about what could not be checked, empty if everything was.
+    """
     unchecked = 0
     files = [file for file in mcap_files(path) if file.suffix.lower() == ".mcap"]
     for file in files:

@@ -43,7 +43,7 @@ class Follower(Protocol):
         """Handle a message on ``game_status``."""
 
     def end(self, at_s: float, state: str, situation: Situation | None) -> None:
-        """Handle the end of a round; ``state`` is the game's, ``situation`` None if the robot's pose is unknown."""
+        """Handle the end of a round: the game's new state, and the situation (None if the robot's pose is unknown)."""
 
 
 class Walk:
@@ -57,7 +57,7 @@ class Walk:
         self._tick_s = config.execution.tick_s
         self._by_event = config.decisions.when == "event"
         self._ghosts = {topics.GHOST_POSES[k].name: k for k in range(len(config.clyde.ghosts))}
-        self._has_scores = bag.has(topics.SCORES)  # otherwise the game is of another planner
+        self._has_scores = bag.has(topics.SCORES)  # without scores, another planner played the game
         self._chosen_before = -1
         self._plans = [] if self._has_scores else list(_plans(bag, assets))
         self._believed = BelievedPose(TF_S)  # same limits as in the goal selector
@@ -189,7 +189,9 @@ def recorded_config(bag: Bag) -> Config:
             plays = json.loads(recorded.message.data)
             if plays["node"] == SELECTOR:
                 fields = differences(make_config().as_dict(), plays["configuration"])
-                values = {name: value for name, (_, value) in fields.items() if value is not None}  # as of 0.10
+                values = {
+                    name: value for name, (_, value) in fields.items() if value is not None
+                }  # None: an old recording lacks the field
                 config = make_config(**values)
                 ghosts = ("policy" if name.lower().endswith(".onnx") else name for name in config.clyde.ghosts)
                 config = config.with_fields(**{"clyde.ghosts": tuple(ghosts)})

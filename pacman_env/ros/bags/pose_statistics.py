@@ -75,8 +75,8 @@ class PoseStatistics:
         if self.counts:
             self.samples[name].append(value)
 
-    def forget(self) -> None:
-        """Start another game, which does not continue the received poses."""
+    def begin_game(self) -> None:
+        """Start another game: its poses do not continue those of the previous game."""
         self.pose = self.odometry = self._pose_odometry = self._clyde = None
 
     def quantiles(self) -> dict[str, list[float] | None]:
@@ -96,8 +96,8 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         policy.reset(np.ones(1, dtype=np.bool_), config)
-        statistics.forget()
-        last.forget()
+        statistics.begin_game()
+        last.clear()
         game, last_update, last_clyde = batch.games[0], -1, None
         choice: NDArray[np.int64] = np.array([batch.hold])
         for tick in range(round(MOST_S / _PERIOD_S)):

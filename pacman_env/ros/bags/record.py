@@ -81,7 +81,10 @@ class Recorder(BaseNode):
 
 
 def record(out: Path, namespace: str, domain: int | None = None, sim_time: bool = False) -> int:
-    """Record until SIGINT or SIGTERM, in the main thread; with ``sim_time`` by /clock instead of wall time."""
+    """Record until SIGINT or SIGTERM, in the main thread, and return the exit status.
+
+    With ``sim_time`` messages get the time of ``/clock`` instead of wall time.
+    """
     full = full_namespace(namespace)
     if out.exists():
         raise FileExistsError(f"{out}: already exists; a bag is not overwritten")

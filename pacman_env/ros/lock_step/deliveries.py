@@ -147,9 +147,10 @@ class Deliveries:
     # New subscriptions
 
     def join(self, member: Member, known: set[Subscription]) -> None:
-        """Take messages published while a member was created, and latched ones for its subscriptions not in ``known``.
+        """Take the messages for a new member: messages published while it was created, and latched messages.
 
-        They are handled in the order of their publication.
+        Subscriptions in ``known`` have their latched messages already. Messages are handled in the order of
+        publication.
         """
         items: list[tuple[int, Member, Subscription, Any]] = []
         times_ns: defaultdict[Subscription, list[int]] = defaultdict(list)  # times of publication, ns
@@ -183,7 +184,7 @@ class Deliveries:
         statuses = [deque([_ANY]) for server in self._with_statuses if server.statuses_name == name]
         return statuses + [self._latched[one] for one in publishers if one in self._latched and one.topic_name == name]
 
-    def forget(self, member: Member) -> None:
+    def discard(self, member: Member) -> None:
         self.queue = deque(one for one in self.queue if one.member is not member)
         for publisher in member.node.publishers:
             self._latched.pop(publisher, None)

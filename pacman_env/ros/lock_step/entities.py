@@ -74,7 +74,7 @@ def message(sub: Subscription) -> Any:
 
 
 def message_if_any(sub: Subscription) -> Any:
-    """Take a message like ``message`` from a mostly silent topic: taking bytes creates no message if there is none."""
+    """Take a message like ``message``, but create no message object if there is none, for mostly silent topics."""
     with sub.handle:
         one = sub.handle.take_message(sub.msg_type, True)
     return None if one is None else (deserialize_message(one[0], sub.msg_type), one[1])

@@ -94,7 +94,7 @@ class LockStep:
             member.node.once.summary()
         member.present = False
         self.members.remove(member)
-        self.messages.forget(member)
+        self.messages.discard(member)
         member.executor.shutdown()
         member.node.destroy_node()
         self.messages.entities_changed()
@@ -107,7 +107,7 @@ class LockStep:
         """Handle the end of a node that ended by itself."""
 
     def close(self) -> None:
-        """End the remaining nodes without last messages, and ROS."""
+        """End the remaining nodes without last messages, then ROS."""
         if self._closed:
             return
         self._closed = True

@@ -64,7 +64,10 @@ class LockStepSurroundings(Surroundings):
         self._game.messages.watch(entity)
 
     def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """Queue all messages of latched topics: which ones the middleware drops depends on its threads."""
+        """Lengthen the queue of a latched topic to hold all messages.
+
+        Otherwise the timing of the middleware's threads would decide which messages are dropped.
+        """
         if not isinstance(qos_profile, QoSProfile) or qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return qos_profile
         profile = copy.copy(qos_profile)

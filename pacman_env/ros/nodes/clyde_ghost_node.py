@@ -60,7 +60,7 @@ class ClydeGhostNode(GameNode):
         self._harmless = np.zeros((len(behaviours), 2))  # times, s, until which each ghost is harmless and away
         self._chosen: int | None = None  # Clyde's cell for the next round, set by a click
         self.ghosts = MapGhosts(assets, config, seed)
-        self.ghosts.rehearse(self._choices())
+        self.ghosts.compile_kernels(self._choices())
 
         self._poses = [topic.publisher(self) for topic in topics.GHOST_POSES[: len(behaviours)]]
         self._marker = topics.CLYDE_MARKER.publisher(self)
@@ -175,11 +175,11 @@ class ClydeGhostNode(GameNode):
         return 2
 
     def _choices(self) -> NDArray[np.int64]:
-        """Return the candidate to which a policy sends each ghost; the last candidate lets a ghost wander."""
+        """Return the candidate (G,) to which a policy sends each ghost; the last candidate lets a ghost wander."""
         choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:
-                situation = self._view.rehearsal(number)  # compiles or loads the policy now
+                situation = self._view.sample_situation(number)  # compiles or loads the policy now
             else:
                 now = self.now_s()
                 harmless_s = np.maximum(self._harmless - now, 0.0)

@@ -22,7 +22,7 @@ from ..node import GameNode, run
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half a frame
 _REPEAT_S = 1.0  # repeated for a base that started later
-_GREETINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
+_CLEARINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 
 class GameLightNode(GameNode):
@@ -37,16 +37,16 @@ class GameLightNode(GameNode):
         self._timer = self.create_timer(_PERIOD_S, self._show)
         self._timer.cancel()
         self._fresh = True  # no state of the game received so far
-        self._greetings = _GREETINGS
-        self._greeting = self.create_timer(1.0, self._greet, clock=self.surroundings.clock())
+        self._clearings = _CLEARINGS
+        self._clearing_timer = self.create_timer(1.0, self._clear_ring, clock=self.surroundings.clock())
         self.listen(topics.GAME_LIGHT, lambda message: self._command(word_of(message, LIGHTS)), "bad light")
         self.listen(topics.GAME_STATE, self._on_state, "bad state")
 
-    def _greet(self) -> None:
-        """Clear the ring, which a killed node may have left lit."""
-        self._greetings -= 1
-        if self._greetings == 0:
-            self._greeting.cancel()
+    def _clear_ring(self) -> None:
+        """Switch the ring off: a killed node may have left it lit."""
+        self._clearings -= 1
+        if self._clearings == 0:
+            self._clearing_timer.cancel()
         self._show(again=True)
 
     def _on_state(self, message: Any) -> None:
@@ -57,7 +57,7 @@ class GameLightNode(GameNode):
         self._fresh = False
 
     def _command(self, word: str) -> None:
-        self._greeting.cancel()
+        self._clearing_timer.cancel()
         self._lights.command(word, self.now_s())
         self._timer.reset()
         self._show(again=True)

@@ -29,7 +29,10 @@ class StateFile:
 
     @classmethod
     def of_node(cls, node: Any, text: str, max_age_s: float, ending: str = "") -> "StateFile":
-        """Return the file of a node's parameter ``state_file``, which ``text`` describes; ``ending`` is of its name."""
+        """Declare the parameter ``state_file`` of a node, described by ``text``, and return the file that it selects.
+
+        The name of the automatic file ends with ``ending``.
+        """
         setting = parameter(node, "state_file", "auto", f"{text}; auto: in the user's state folder; empty: none")
         domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
         name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}{ending}.json"
@@ -38,7 +41,7 @@ class StateFile:
         return cls(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def load(self) -> Any:
-        """Return the last state; None if there is none of this owner, or if it is too old.
+        """Return the last state; None if there is none, if another game wrote it, or if it is too old.
 
         Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
         """

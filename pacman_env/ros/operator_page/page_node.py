@@ -83,10 +83,10 @@ class RobotState:
         self._odometry_s = -math.inf
         self._clock: tuple[float, float, float] | None = None  # wall time and clock a while ago, clock now; s
         self._static: dict[str, tuple[str, Pose]] = {}
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
-        """Delete all state of a robot that is gone, so that nothing of it is shown."""
+    def clear(self) -> None:
+        """Delete the state of a robot that has disappeared, so that the page does not show it."""
         self.belief = BelievedPose(_POSE_TIMEOUT_S)
         self.map: MapPicture | None = None
         self.plan: NDArray[np.float64] = np.zeros((0, 2))
@@ -182,9 +182,9 @@ class PublishedGame(GameMonitor):
         self._robot, self._news = robot, news
         self._round_s = 0.0  # length of the last round
         self.starting_s: float | None = None  # time of the first message of the start show, None: there is none
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         self.pellets, self.ghosts = {}, {}
         self.power_pellets, self.harmless_until_s = set(), np.zeros((0, 2))
         self.places: list[Position] = []  # positions of the candidates

@@ -17,10 +17,10 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles
 from pacman_env.web.game import News, Refused
 
-PERIOD_S = 0.05  # while stopped, the rate at which Nav2 may publish the opposite
+PERIOD_S = 0.05  # between zero velocities while stopped: Nav2 may publish other velocities as often
 _ENDS = 5  # zero velocities at the end of a drive, because one may be lost
-_CANCEL_AGAIN_S = 0.2  # while stopped and a goal still runs
-_CANCEL_UNSEEN_S = 0.5  # while stopped and no goal is visible: the base's own motions are not published
+_CANCEL_AGAIN_S = 0.2  # between cancels while stopped, if a goal still runs
+_CANCEL_UNSEEN_S = 0.5  # the same if no goal is visible: the base does not publish its own motions
 _LONGEST_SHOW_S = 30.0
 _SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # words and topic by kind
     "event": (FEEDBACK, topics.GAME_EVENT),

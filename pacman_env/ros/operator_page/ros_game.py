@@ -111,11 +111,11 @@ class RosGame:
         self.node.destroy_node()
         rclpy.shutdown(context=self._context)
 
-    def greet(self) -> None:
-        """Do nothing: a robot's speed is fixed, and leaving disarms it."""
+    def reset_options(self) -> None:
+        """Do nothing: a robot's speed is fixed, and events are disarmed when a person leaves."""
 
     def choices(self) -> dict[str, Any]:
-        """Return the policies; everything else was chosen at the start of the game."""
+        """Return the choices of a setup by field, as lists of names: only the policy can be changed."""
         return {"maps": [], "presets": {}, "policies": policy_names(), "behaviours": [], "settings": []}
 
     def scene(self) -> Scene:

@@ -54,8 +54,8 @@ class RosView:
             node.game.state = None
         robot_gone = not exists and not node.robot.alive
         if robot_gone and not self._robot_gone:  # once: the next robot's latched messages may come before its odometry
-            node.robot.forget()
-            node.game.forget()
+            node.robot.clear()
+            node.game.clear()
         self._robot_gone = robot_gone
         return disappears
 
@@ -141,7 +141,7 @@ def _facts(node: PageNode, pellets: dict[int, Position]) -> dict[str, Any]:
     configuration, clyde = game.configuration.get("configuration", {}), _defaults().clyde
     behaviours = (configuration.get("clyde") or {}).get("ghosts") or clyde.ghosts
     named = {k: str(behaviours[k])[:100] if k < len(behaviours) else "" for k in sorted(game.ghosts)}
-    preset, settings = played_by(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
+    preset, settings = preset_of(json.dumps(configuration, sort_keys=True)) if configuration else (None, {})
     home = condition.get("home")
     power = [k for k, pellet in enumerate(pellets) if pellet in game.power_pellets]
     return {
@@ -177,7 +177,10 @@ def _number(game: PublishedGame, name: str) -> float:
 
 
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
-    """Return the alerts that need a person, without seconds, because a scene contains lasting facts."""
+    """Return the alerts that need a person.
+
+    Their texts contain no seconds, because they belong to the scene, which seldom changes.
+    """
     troubles, silent = node.game.troubles, {} if node.game.state is None else node.game.unresponsive
     remedies = {**REMEDIES, **dict.fromkeys(map(NO_RESPONSE.format, silent), START_AGAIN)}
     if node.sim:
@@ -195,7 +198,7 @@ def _alerts(node: PageNode) -> list[dict[str, Any]]:
 
 
 @lru_cache(maxsize=4)
-def played_by(text: str) -> tuple[str, dict[str, Any]]:
+def preset_of(text: str) -> tuple[str, dict[str, Any]]:
     """Return the preset nearest to a configuration (JSON), and the differences by dotted names."""
     configuration, fields_by_preset = json.loads(text), {}
     for preset, execution in product(PRESETS, EXECUTIONS):

@@ -121,7 +121,7 @@ class BelievedPose:
         return self._base_in(MAP)
 
     def _base_in(self, top: str) -> tuple[Pose, float] | None:
-        """Return the pose of the base in frame ``top``, and the arrival of the oldest transform on the way."""
+        """Return the pose of the base in frame ``top``, and the arrival, s, of the oldest transform between them."""
         frame, pose, received_s = BASE, (0.0, 0.0, 0.0), math.inf
         for _ in range(len(_BETWEEN)):
             link = self._links.get(frame)

@@ -20,7 +20,7 @@ _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
 
 def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
-    """Return a MarkerArray: DELETEALL, then each finite score at its candidate's position, the chosen one in green.
+    """Return a MarkerArray: DELETEALL, then each finite score (C,) at its candidate's place, the chosen one in green.
 
     Marker ids are candidate numbers; hold is shown at the robot.
     """

@@ -22,7 +22,7 @@ from pacman_env.ros.rclpy_private import accept_integers, destroy_state_machine
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.pursuit import Pursuit
 from pacman_env.ros.selector.reasons import POLICY_FAILS
-from pacman_env.ros.selector.rehearsal import rehearsed
+from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
 from pacman_env.ros.surroundings import current
@@ -133,7 +133,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
             HEART.beat(LONG_S)
             try:
-                policy = rehearsed(make_policy(change.value), selection.view, self.config, current().perf_counter)
+                policy = rehearse(make_policy(change.value), selection.view, self.config, current().perf_counter)
                 self._loaded = change.value, policy
             except _UNUSABLE as error:
                 return SetParametersResult(successful=False, reason=str(error))

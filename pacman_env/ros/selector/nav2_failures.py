@@ -55,7 +55,7 @@ class Nav2Failures:
     def ended(self, status: int, code: int, lasted_s: float, now: float) -> None:
         """Count the end of the current goal: ``status`` from action_msgs/GoalStatus or REJECTED, ``code`` from Nav2."""
         if status == SUCCEEDED:
-            self.forget()
+            self.reset()
         if status not in (ABORTED, REJECTED):
             return
         self.in_a_row += 1
@@ -64,7 +64,7 @@ class Nav2Failures:
         if self._quick >= MANY:
             self._wait_until_s = now + min(_SHORTEST_S * 2.0 ** min(self._quick - MANY, 10), _LONGEST_S)
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Restart the count, after progress of the robot or at the start of a round."""
         self.in_a_row = self._quick = 0
         self._wait_until_s = 0.0

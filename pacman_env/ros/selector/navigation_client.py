@@ -59,7 +59,7 @@ class NavigationClient:
         self._goals: dict[int, _SentGoal] = {}
         self._newest: Any = None  # newest feedback, of any goal
         self.forbidden = False  # if True, goals of all nodes are cancelled
-        self._rest: Future | None = None  # result of ``rest``
+        self._all_ended: Future | None = None  # result of ``finish``
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # result of the last goal that ended
 
@@ -125,14 +125,14 @@ class NavigationClient:
             request.goal_info.goal_id = self._goals[number].name
             self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
 
-    def rest(self) -> Future:
-        """Cancel goals without an answer, and return a future that is done when all goals have ended."""
+    def finish(self) -> Future:
+        """Return a future that is done when all goals have ended. Cancels the goals that Nav2 has not yet accepted."""
         for number, goal in self._goals.items():
             if not goal.accepted:
                 self.cancel(number)
-        self._rest = Future()
-        self._check_rest()
-        return self._rest
+        self._all_ended = Future()
+        self._check_all_ended()
+        return self._all_ended
 
     def destroy(self) -> None:
         """Destroy all ROS entities; answers in transit are ignored."""
@@ -157,7 +157,7 @@ class NavigationClient:
         else:
             self._goals.pop(number, None)
             self._rejected(number)
-        self._check_rest()
+        self._check_all_ended()
 
     def _request_result(self, number: int, goal: _SentGoal) -> None:
         request = self._results.srv_type.Request(goal_id=goal.name)
@@ -181,7 +181,7 @@ class NavigationClient:
             return
         self.last_status, self.last_error = status, error
         self._finished(number, status, self._seen_at(goal.name))
-        self._check_rest()
+        self._check_all_ended()
 
     def _seen_at(self, name: UUID) -> Position | None:
         self._feedback.catch_up()
@@ -192,6 +192,6 @@ class NavigationClient:
         except BadMessage:
             return None
 
-    def _check_rest(self) -> None:
-        if self._rest is not None and not self._rest.done() and not self._goals:
-            self._rest.set_result(True)
+    def _check_all_ended(self) -> None:
+        if self._all_ended is not None and not self._all_ended.done() and not self._goals:
+            self._all_ended.set_result(True)

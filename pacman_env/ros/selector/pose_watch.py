@@ -71,8 +71,8 @@ class PoseWatch:
         while len(self._seen) > 1 and now - self._seen[1][0] >= _WINDOW_S:
             self._seen.popleft()
 
-    def give(self, pose: Pose) -> None:
-        """Note a pose set by a person: a jump to it is expected, and answered once the pose agrees."""
+    def expect_jump_to(self, pose: Pose) -> None:
+        """Expect a jump to a pose set by a person; the jump is answered once the believed pose agrees with it."""
         chain = self._believed.chain()
         self._given = pose, None if chain is None else chain.travelled
 

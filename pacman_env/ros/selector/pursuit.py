@@ -123,9 +123,9 @@ class Pursuit:
             return ()
         self.deactivate()
         self._stop()
-        rest = self._nav2.rest()
-        rest.add_done_callback(lambda _: self._stop())  # again: Nav2 drove until it received the cancels
-        return (rest,)
+        ended = self._nav2.finish()
+        ended.add_done_callback(lambda _: self._stop())  # again: Nav2 drove until it received the cancels
+        return (ended,)
 
     # Messages
 

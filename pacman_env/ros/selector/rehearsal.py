@@ -15,7 +15,7 @@ from pacman_env.sim.observation.robot_view import RobotView
 SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
 
 
-def rehearsed(
+def rehearse(
     policy: Policy, view: RobotView, config: Config, clock_s: Callable[[], float] = time.perf_counter
 ) -> Policy:
     """Run the policy and return it; raises ValueError or TypeError if it fails, or needs more than ``SLOW_S``.
@@ -23,7 +23,7 @@ def rehearsed(
     ``clock_s`` measures the choices in s; it stands still in lock-step. The policy sees a wandering ghost and a chasing
     one, because a map of its own predicts the chase.
     """
-    situation, first = view.rehearsal(), np.ones(1, np.bool_)
+    situation, first = view.sample_situation(), np.ones(1, np.bool_)
     chased = situation.copy()
     chased.belief[...] = np.eye(chased.belief.shape[-1])[CHASES]
     reset(policy, first, config)

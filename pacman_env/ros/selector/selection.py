@@ -40,7 +40,7 @@ from pacman_env.ros.selector.goal_scores import decision_times
 from pacman_env.ros.selector.nav2_failures import Nav2Failures
 from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
 from pacman_env.ros.selector.reasons import GHOST_LOST, NAV2_FAILS, POLICY_FAILS
-from pacman_env.ros.selector.rehearsal import SLOW_S, rehearsed
+from pacman_env.ros.selector.rehearsal import SLOW_S, rehearse
 from pacman_env.ros.surroundings import current
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
@@ -63,7 +63,7 @@ class Selection:
 
     Without ``home``, home is where the robot leaves the menu for the first time, or after its pose was set in the menu.
     AMCL has corrected a clicked pose by then. After a start in the middle of a game, it is the map's home. Raises
-    MapError, and the exceptions of ``make_policy`` and ``rehearsed``.
+    MapError, and the exceptions of ``make_policy`` and ``rehearse``.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Selection:
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
         self._fresh = False  # the policy has been reset for this round
-        self.spec, self.policy = policy, rehearsed(instance, self.view, config, self._perf_counter)
+        self.spec, self.policy = policy, rehearse(instance, self.view, config, self._perf_counter)
         self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
         self._believed = BelievedPose(limits.timeout_s)
         self._ghosts = GhostWatch()
@@ -110,8 +110,8 @@ class Selection:
         if word == "reset_round" or (word == "enable" and self.executor.task != "play"):
             self.view.begin()
             self._fresh = False
-            self._last.forget()
-            self._nav2.forget()
+            self._last.clear()
+            self._nav2.reset()
         self._believe(now)
         return self.executor.command(word, now)
 
@@ -128,7 +128,7 @@ class Selection:
         return [number for number in pellets if not self.view.is_candidate(number)]
 
     def on_count(self, use: Callable[[int], None], least: int, message: Any, now: float) -> None:
-        """Pass a number of the referee, which is ``least`` or more, to ``use``."""
+        """Pass the referee's number in a message, at least ``least``, to ``use``."""
         use(int(number_of(message, least, 2**31 - 1)))
 
     def on_spawned(self, message: Any, now: float) -> None:
@@ -149,7 +149,7 @@ class Selection:
         pose = pose_of(message)
         if self.view.off_the_map(*pose[:2]):
             raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
-        self._watch.give(pose)
+        self._watch.expect_jump_to(pose)
         if self.executor.game_state == "menu":
             self._home_known = self._home_given
 
@@ -284,7 +284,7 @@ class Selection:
         """Report failures of Nav2 in a row, until a goal is reached or a pellet collected."""
         previous, self._collected = self._collected, self.executor.round.record.collected
         if self._collected > previous:
-            self._nav2.forget()
+            self._nav2.reset()
         self._report(NAV2_FAILS, self._nav2.words)
 
     def _report(self, trouble: str, words: str) -> None:

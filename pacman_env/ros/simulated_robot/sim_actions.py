@@ -100,7 +100,7 @@ class NavigateServer(Server):
         super().__init__(node, topics.NAVIGATE_TO_POSE)
 
     def close(self) -> None:
-        self.navigation.forget()
+        self.navigation.drop_goals()
         self._late.clear()
         super().close()
 

@@ -171,7 +171,7 @@ class InitialPose:
     def _on_pose(self, message: Any) -> None:
         self._known = True
 
-    def give(self, stamp: Any) -> None:
+    def publish_if_due(self, stamp: Any) -> None:
         if self._node.count_publishers(topics.AMCL_POSE.name) == 0:
             self._known = False  # a restarted AMCL has no pose
         elif not self._known and self._robot.time_s - self._given_s >= _STATUS_S - 1e-6:

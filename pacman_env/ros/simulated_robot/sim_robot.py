@@ -91,7 +91,7 @@ class SimRobot(GameNode):
         at, is_localized = _pose(home, "home"), localized and self._localizes
         robot = SimulatedRobot(self.map, config, seed, home=at, localized=is_localized, drifts=not self._localizes)
         self.robot = robot
-        robot.rehearse()  # other nodes are discovered meanwhile
+        robot.compile_kernels()  # other nodes are discovered meanwhile
         self._starting = True
         if reason := self._other_robot():
             raise ValueError(reason)
@@ -211,7 +211,7 @@ class SimRobot(GameNode):
                     self._base.publish(stamp)
                 self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops the lidar on its dock
             if self._initial_pose is not None:
-                self._initial_pose.give(stamp)
+                self._initial_pose.publish_if_due(stamp)
             self._notes.send_feedback()
 
     # Messages

@@ -113,7 +113,7 @@ class Sensors:
         self._odometry_out.publish(odometry)
 
     def _ranges(self) -> NDArray[np.float32]:
-        """Return the ranges of one turn; if ``alone``, each ray starts at the robot's pose at its time."""
+        """Return the ranges (R,), m, of one turn; if ``alone``, each ray starts at the robot's pose at its time."""
         if not self._alone:
             return self._robot.scan()
         parts, ranges = len(self._turn), np.empty(self._robot.config.observation.scan_rays, dtype=np.float32)

@@ -33,7 +33,7 @@ class Console:
         self._stops_until_reset = False
         self._reported: dict[str, str] = {}  # troubles, by kind
 
-    def greet(self) -> None:
+    def print_keys(self) -> None:
         if self._pressed:
             self._writer.print("keys: s start, r reset, c continue, space stop, g release, q quit")
 

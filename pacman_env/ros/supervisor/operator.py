@@ -75,7 +75,7 @@ def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> in
     end_s = time.monotonic() + wait_s
     if not status_line.spin_until(lambda: status_line.state or "state" in status_line.game.invalid, wait_s):
         return _no_answer(status_line, topics.GAME_STATE.name)
-    missing = status.settled(status_line, end_s)
+    missing = status.wait_for_all(status_line, end_s)
     print((status.as_json if as_json else status.as_rows)(status_line, missing))
     return status.INCOMPLETE if missing or status_line.unresponsive else status.ALL_THERE
 

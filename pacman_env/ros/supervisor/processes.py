@@ -81,11 +81,11 @@ class ProcessGroup:
     def ids(self) -> dict[str, int]:
         return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
 
-    def dismiss(self, name: str) -> None:
+    def remove(self, name: str) -> None:
         del self._members[name]
 
-    def last_words(self, name: str) -> str:
-        """Return the likely reason of an end, from the last log line since the start, or the log's path."""
+    def reason_of_end(self, name: str) -> str:
+        """Return the last log line since the start, which probably tells why the process ended, or the log's path."""
         return self._reason(name) or f"no output in {self._log(name)}"
 
     def _reason(self, name: str, what: re.Pattern[str] | None = None) -> str:
@@ -100,10 +100,10 @@ class ProcessGroup:
         return ""
 
     def _end_of(self, member: GroupMember, status: int) -> tuple[str, bool]:
-        """Describe an end, with its reason in the log, and return True with it if a restart is useless."""
+        """Return a description of an end, with the reason from the log, and True if a restart is useless."""
         name = member.name
         if status == BAD_START:
-            return f"does not start: {self.last_words(name)}", True
+            return f"does not start: {self.reason_of_end(name)}", True
         if status < 0:
             signals = {one.value: one.name for one in signal.Signals}
             words, reason = f"was killed ({signals.get(-status, f'signal {-status}')})", self._reason(name, _ERROR)
@@ -124,7 +124,7 @@ class ProcessGroup:
         return [member.name for member in frozen]
 
     def restart(self, name: str, reason: str, frozen: bool = False) -> None:
-        """Kill a running process that does not respond, so that ``tend`` restarts it; limited to ``RESTARTS``."""
+        """Kill a process that does not respond, at most ``RESTARTS`` times; ``restart_dead`` restarts it."""
         member, now = self._members[name], time.monotonic()
         starts = not frozen and now - member.started_s < AT_REST_S
         if member.process is None or member.process.poll() is not None or starts:
@@ -141,7 +141,7 @@ class ProcessGroup:
             member.left_alone = True
             self.report(f"{name}: {RESTARTS} restarts did not help: {reason}")
 
-    def tend(self) -> list[str]:
+    def restart_dead(self) -> list[str]:
         """Restart dead processes that are due, and return the newly dead ones; raises Lost if restarts do not help."""
         dead, now = [], time.monotonic()
         for member in self._members.values():
@@ -149,12 +149,12 @@ class ProcessGroup:
             if member.process is not None and (status := member.process.poll()) is not None:
                 dead.append(name)
                 member.process = None
-                self._bury(member, status, now)
+                self._schedule_restart(member, status, now)
             if member.process is None and member.due_s is not None and now >= member.due_s:
                 self._launch(member, "ab")
         return dead
 
-    def _bury(self, member: GroupMember, status: int, now: float) -> None:
+    def _schedule_restart(self, member: GroupMember, status: int, now: float) -> None:
         """Report a death and schedule the restart, which is immediate after the first death."""
         name = member.name
         member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]

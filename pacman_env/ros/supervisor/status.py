@@ -38,10 +38,11 @@ class Missing:
         return any([*self.absent.values(), *self.pending.values()])
 
 
-def settled(status_line: StatusLine, end_s: float) -> Missing:
-    """Wait until all nodes and values of a game are there, no more arrive, or ``end_s``; return the missing ones.
+def wait_for_all(status_line: StatusLine, end_s: float) -> Missing:
+    """Wait for all nodes and values of a game, and return the missing ones.
 
-    Also wait until it is known whether the goal selector still reports.
+    The wait ends at ``end_s`` (monotonic, s), or if nothing new arrives for ``QUIET_S``. If nothing is missing, it
+    continues until it is known whether the goal selector still reports.
     """
     previous: Any = None
     quiet_s = 0.0

@@ -69,7 +69,7 @@ def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = 
         lock = stack.enter_context(GameLock(setup.namespace, domain, setup.sim))
         status_line = stack.enter_context(StatusLine(setup.namespace, setup.sim, setup.policy))
         pressed = stack.enter_context(keyboard(sys.stdin))
-        be_alone(status_line, lock, writer, stop)
+        wait_for_other_games(status_line, lock, writer, stop)
         prepare(preparation, writer, stop)
         if stop.asked:
             writer.print("stopped before anything was started")
@@ -103,7 +103,7 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
     nav2.check(setup)
 
 
-def be_alone(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: StopSignals) -> None:
+def wait_for_other_games(status_line: StatusLine, lock: GameLock, writer: LineWriter, stop: StopSignals) -> None:
     """Wait until no other game runs in the namespace; raise ValueError if one still runs after ``GOING_S``.
 
     If two games discover each other only later, the later one ends itself.
@@ -161,7 +161,7 @@ class GameProcesses:
         for name in (REFEREE, SELECTOR):
             (self.logs / f"{name}.json").unlink(missing_ok=True)
         self.writer.print(f"game on {game_nodes.full_namespace(self.setup.namespace)}")
-        self.console.greet()
+        self.console.print_keys()
         self.writer.print(f"logs in {self.logs}")
         if self.setup.nav2 == game_nodes.NAV2_BY_HAND:
             self.writer.print(f"start Nav2: {shlex.join(self.foreign[1:])}", whole=True)
@@ -188,7 +188,7 @@ class GameProcesses:
             self.rounds.call_services()
             self._restart_unresponsive()
             frozen = self.processes.restart_frozen()
-            if SELECTOR in (*frozen, *self.processes.tend()):
+            if SELECTOR in (*frozen, *self.processes.restart_dead()):
                 self.status_line.halt()  # no node supervises the robot's goal any more
             if awaited:
                 self.writer.wait(f"starting: {awaited}")
@@ -232,8 +232,8 @@ class GameProcesses:
         """Start the processes that need a pose once there is one; return False if there will be none."""
         if WAIT not in self.processes or (status := self.processes.status(WAIT)) is None:
             return True
-        words = self.processes.last_words(WAIT)
-        self.processes.dismiss(WAIT)
+        words = self.processes.reason_of_end(WAIT)
+        self.processes.remove(WAIT)
         if status != 0:
             self.writer.print(f"the robot is not localized: {words}")
             return False

@@ -12,7 +12,7 @@ import numpy as np
 from pacman_env.engine.cache_folder import check_kept
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
-from pacman_env.ros.selector.rehearsal import rehearsed
+from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.ros.supervisor.preparation import CHECKED, GHOSTS, PreparationJob, map_mark
 from pacman_env.ros.supervisor.processes import BAD_START
 from pacman_env.sim.core.ghosts import MapGhosts
@@ -22,17 +22,17 @@ from pacman_env.sim.observation.robot_view import RobotView
 from pacman_env.world.maps.occupancy import load_map
 
 
-def rehearse(job: PreparationJob, setup: GameSetup) -> None:
+def prepare(job: PreparationJob, setup: GameSetup) -> None:
     config = setup.config()
     if SELECTOR in job.nodes:
         policy = make_policy(job.policy)
-        rehearsed(policy, RobotView(map_assets(setup.map, config), config), config)
+        rehearse(policy, RobotView(map_assets(setup.map, config), config), config)
     if SIMULATOR in job.nodes:
-        SimulatedRobot(load_map(setup.map), config, 0).rehearse()
+        SimulatedRobot(load_map(setup.map), config, 0).compile_kernels()
     if GHOSTS in job.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
         ghosts = MapGhosts(map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
-        ghosts.rehearse(np.zeros(len(behaviours), dtype=np.int64))
+        ghosts.compile_kernels(np.zeros(len(behaviours), dtype=np.int64))
     _note(job.mark)
 
 
@@ -55,7 +55,7 @@ def main() -> int:
             print(CHECKED, flush=True)
         with contextlib.redirect_stderr(io.StringIO()):  # hides the notice that it waits for another process's kernels
             for nodes, policy in parts:
-                rehearse(PreparationJob(tuple(nodes), policy), setup)
+                prepare(PreparationJob(tuple(nodes), policy), setup)
             if check and (file := map_mark(setup)) is not None and not file.exists():
                 map_assets(setup.map, config)
                 _note(file)

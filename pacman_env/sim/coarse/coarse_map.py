@@ -124,7 +124,7 @@ def _build(assets: MapAssets) -> CoarseArrays:
 
 
 def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
-    """Convert lengths in mm to whole units of ``unit_m`` m, rounded up."""
+    """Convert lengths (A, A) in mm to whole units of ``unit_m`` m, rounded up: the lower triangle, row by row."""
     units = (np.arange(length.max() + 1) / _MM).astype(np.float32) / np.float32(unit_m) - np.float32(1e-3)
     return np.asarray(_look_up(length, np.minimum(np.ceil(units), _LONGEST).astype(np.uint16)))
 
@@ -211,7 +211,7 @@ def _label_blocks(square, neighbours):  # type: ignore[no-untyped-def]
 def joined_blocks(
     block: NDArray[np.int32], neighbours: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return ``start`` and ``ends``: the blocks adjacent to block a are ``ends[start[a] : start[a + 1]]``."""
+    """Return ``start`` (B + 1,) and ``ends``: the blocks adjacent to block a are ``ends[start[a] : start[a + 1]]``."""
     joined = np.zeros((count, count), dtype=np.bool_)
     _join(block, neighbours, joined)
     np.fill_diagonal(joined, False)
@@ -256,7 +256,10 @@ def between_all(
 
 @kernel
 def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
-    """Fill ``length`` (A, A) with the lengths of the shortest paths, for ``_TARGETS`` targets at a time."""
+    """Fill ``length`` (A, A), mm, with the lengths of the shortest paths, for ``_TARGETS`` targets at a time.
+
+    ``cost`` (E,), mm, are the lengths of the edges ``ends`` (E,) of :func:`joined_blocks`.
+    """
     count = len(length)
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
@@ -276,7 +279,7 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
 
 @kernel
 def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
-    """Relax the lengths of the blocks from ``first`` on, in sweeps over changed blocks until no length changes."""
+    """Lower ``least`` (A, _TARGETS) from block ``first`` on, in sweeps over changed blocks until none changes."""
     count = len(start) - 1
     changed = np.ones(count, np.bool_)
     left, sweep = count, 0
@@ -299,7 +302,7 @@ def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lower(own, via, cost):  # type: ignore[no-untyped-def]
-    """Lower the lengths of a block to those via its neighbour, and return True if one was lowered."""
+    """Lower the lengths ``own`` (_TARGETS,) of a block to those via its neighbour; return True if one was lowered."""
     lowered = np.int32(0)
     for k in range(_TARGETS):
         new = np.int32(via[k] + cost)

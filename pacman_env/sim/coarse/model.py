@@ -1,7 +1,8 @@
 """The game on a :mod:`coarse map <.coarse_map>`: a robot that drives to goals with lags, and ghosts that react to it.
 
 At every step each ghost decides with the function of its behaviour (``game/ghosts.py``). A wandering ghost draws its
-targets from its own random stream.
+targets from its own random stream. In all kernels ``robot`` is a record of ``ROBOT``, ``ghost`` a record of ``GHOST``,
+``m`` are ``CoarseArrays``, and ``p`` is a record of ``RULES``.
 """
 
 import math
@@ -122,7 +123,7 @@ def new_behaviour_arrays(ghosts: int) -> BehaviourArrays:
 
 
 def _decide_behaviour(table, k, unused):  # type: ignore[no-untyped-def]
-    """Write the target of ghost k, computed from its view."""
+    """Write the target of ghost k to the ``BehaviourArrays`` at ``table``, computed from its view; return 0."""
     a = behaviour_arrays(table)
     constants = reals_at(a.behaviours[k, 1], CONSTANTS)
     view = view_of(k, a.ghosts[k], a.robots[k], a.corners[k])
@@ -155,7 +156,7 @@ class Model(NamedTuple):
 
 @kernel
 def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
-    """Place the robot at rest and without a goal."""
+    """Place the robot at rest and without a goal at (x, y), m, with a heading in rad."""
     m = model.map
     column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
     robot.block = m.robot_block[m.snap[row, column]]
@@ -167,14 +168,17 @@ def put_robot(robot, model, x, y, heading):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ghost_block(m, x, y):  # type: ignore[no-untyped-def]
-    """Return the ghost block nearest to a place."""
+    """Return the ghost block nearest to (x, y), m."""
     column, row = cell_of(m.affine, m.snap.shape[0], m.snap.shape[1], x, y)
     return m.ghost_block[m.ghost_snap[row, column]]
 
 
 @kernel
 def put_ghost(ghost, number, model, seen):  # type: ignore[no-untyped-def]
-    """Place ghost ``number``, seen as in a situation (5,), on the nearest segment between two adjacent blocks."""
+    """Place ghost ``number`` on the nearest segment between two adjacent blocks.
+
+    ``seen`` (5,) is its row of ``Situation.ghosts``: position, m, velocity and speed, m/s.
+    """
     m = model.map
     x, y, ghost.vx, ghost.vy, ghost.speed = seen
     block = _ghost_block(m, x, y)
@@ -197,13 +201,14 @@ def put_ghost(ghost, number, model, seen):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_s(robot, heading, p):  # type: ignore[no-untyped-def]
+    """Return the time, s, that a standing robot loses by turning to ``heading``, rad, and speeding up."""
     off = abs(heading - robot.heading) % (2.0 * math.pi)
     return start_s(min(off, 2.0 * math.pi - off), 0.0, p)
 
 
 @kernel
 def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
-    """Start driving to a goal; ``left_m`` is the path length to it."""
+    """Start driving to a goal; ``left_m`` is the path length to it, m."""
     m, p = model.map, model.rules[0]
     robot.then = UNCHANGED
     robot.goal = goal
@@ -230,7 +235,7 @@ def choose(robot, goal, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _advance(robot, span, model):  # type: ignore[no-untyped-def]
-    """Drive for ``span`` s along the path to the goal."""
+    """Turn and drive for ``span`` s on the path to the goal; a reached goal ends, and its pellet is collected."""
     m, p = model.map, model.rules[0]
     goal = robot.goal
     turning = min(robot.wait_s, span)
@@ -263,6 +268,7 @@ def _advance(robot, span, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _collect(robot, bit):  # type: ignore[no-untyped-def]
+    """Collect the pellet with a bit, if it is left."""
     one = np.uint64(1) << np.uint64(bit)
     if robot.pellets & one:
         robot.pellets ^= one
@@ -272,6 +278,7 @@ def _collect(robot, bit):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drive(robot, model):  # type: ignore[no-untyped-def]
+    """Move the robot for one step; a chosen goal replaces the present goal after its delay."""
     m, p = model.map, model.rules[0]
     spare = p.step_s
     robot.reached = False
@@ -291,7 +298,7 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def ask(table, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the target (x, y), m, of a ghost that sees the robot's pose; NaN if it wanders or its behaviour fails."""
+    """Return the target (x, y), m, of a ghost that sees the robot's pose (3,); NaN if it wanders or raises an error."""
     a, k = behaviour_arrays(table), ghost.number
     if a.behaviours[k, 0] == 0:
         return math.nan, math.nan
@@ -316,7 +323,7 @@ def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
-    """Move a ghost along the shortest path to its target."""
+    """Move a ghost for some seconds along the shortest path to its target block."""
     x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
         length = units_between(m, ghost.block, ghost.towards) * unit
@@ -361,7 +368,7 @@ def _pick_up(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
-    """Play one step of a game: ghosts decide, everything moves, pick-up and death are tested."""
+    """Play one step of a game: the ghosts (G,) decide, everything moves, pick-up and death are tested."""
     m, p = model.map, model.rules[0]
     for k in range(len(ghosts)):
         ghost = ghosts[k]
@@ -384,7 +391,7 @@ def step(robot, ghosts, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
-    """Choose a goal and step until ``until_s``, until a goal is reached or until the round ends."""
+    """Choose a goal and step until the time ``until_s``, until a goal is reached or until the round ends."""
     choose(robot, goal, model)
     while robot.time_s < until_s:
         step(robot, ghosts, model)
@@ -394,13 +401,14 @@ def play(robot, ghosts, goal, until_s, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def copy_ghosts(ghosts, other):  # type: ignore[no-untyped-def]
+    """Copy the records ``ghosts`` (G,) to ``other`` (G,)."""
     for k in range(len(ghosts)):
         other[k] = ghosts[k]
 
 
 @kernel
 def lead_m(robot, ghosts, m):  # type: ignore[no-untyped-def]
-    """Return the shortest path length from any ghost to the robot in m, on either side of a wall next to the robot."""
+    """Return the shortest path length, m, from any ghost (G,) to the robot, on either side of a wall next to it."""
     least, unit = np.inf, m.unit_m[0]
     for j in range(2):
         block = m.ghost_beside[robot.block, j]

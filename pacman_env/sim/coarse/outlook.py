@@ -100,7 +100,7 @@ outlook_arrays = arrays_by_address(OutlookArrays)
 
 @kernel
 def coming(s, i):  # type: ignore[no-untyped-def]
-    """Return the number of ghosts that are believed to approach the robot."""
+    """Return the number of ghosts that are believed to approach the robot in situation i."""
     count = 0
     for k in range(s.belief.shape[1]):
         count += comes(s.belief[i, k])
@@ -109,7 +109,10 @@ def coming(s, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
-    """Assign a bit to each allowed pellet, or to the nearest ones if there are too many, and return their number."""
+    """Write to ``bit`` (G,) int8 the bit of each goal that is an allowed pellet, else -1; return their number.
+
+    If there are too many, only the nearest ones get a bit.
+    """
     bit[:] = -1
     limit_m = np.inf
     count = 0
@@ -132,7 +135,7 @@ def _mark_pellets(s, i, bit):  # type: ignore[no-untyped-def]
 
 @kernel
 def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
-    """Write the nearest remaining goals of a robot, sorted by path length, to ``goals`` and return their number."""
+    """Write the nearest remaining goals of a robot, by path length, to ``goals`` (W,); return their number."""
     length = model.map.robot_length[robot.block]
     count = 0
     for goal in range(len(length)):
@@ -154,7 +157,10 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
-    """Write the outlook of each candidate in situation i to ``result`` (C, COLUMNS), 0 if not ``wanted`` (C,)."""
+    """Write the outlook of each candidate in situation i to ``result`` (C, COLUMNS), 0 if not ``wanted`` (C,).
+
+    ``s`` are the arrays of the situations, ``level`` those of the map, and ``a`` are ``OutlookArrays``.
+    """
     result[:] = 0.0
     m = coarse_arrays(level.later[COARSE_MAP])
     bit = a.bit[: len(m.goal_xy)]

@@ -68,6 +68,10 @@ def draw_futures(ghosts: NDArray[Any], seed: int, tick: int, number: int) -> Non
 
 @kernel
 def _put(robot, ghosts, model, pose, others, goal, left_m):  # type: ignore[no-untyped-def]
+    """Place the robot (1,) at ``pose`` (3,), and the ghosts (G,); ``left_m`` is the path length to the robot's goal.
+
+    ``others`` are the ghosts' numbers (G,) and rows (G, 5) of the situation.
+    """
     number, seen = others
     put_robot(robot[0], model, pose[0], pose[1], pose[2])
     for k in range(len(ghosts)):

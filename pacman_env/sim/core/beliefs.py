@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ...engine.jit import kernel
-from ...game.behaviour_belief import ANY_PLACE, forget, update_belief, update_standing
+from ...game.behaviour_belief import ANY_PLACE, reset_belief, update_belief, update_standing
 from ...world.navigation.grid import cell_of
 from ..maps.level import level_arrays
 
@@ -21,12 +21,12 @@ _STANDS_TICKS = 3
 _STANDS_SHARE = 0.2  # a ghost stands if it moves less than this share of its speed
 
 #: Version for calls from Python.
-forget_ghost = kernel(forget)
+reset_ghost_belief = kernel(reset_belief)
 
 
 @kernel
 def apart_cm(a, b):  # type: ignore[no-untyped-def]
-    """Return a lower bound of the path length between two places in cm, from their path lengths to all goals.
+    """Return a lower bound of the path length between two places in cm, from their path lengths (G,) to all goals.
 
     Paths avoid walls and are not always the shortest, so the true length can be shorter. With the preset `robot` this
     happens in 2 to 15 % of the pairs of a place and a goal, by at most 1.3 m on three of five maps and 4.2 m on one.

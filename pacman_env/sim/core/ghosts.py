@@ -60,6 +60,7 @@ class GhostArrays(NamedTuple):
     search: Any = SearchArrays
 
 
+#: In the kernels ``path`` (L,) are the cells of a ghost, ``level`` the arrays of its map, and ``table`` this address.
 _arrays = arrays_by_address(GhostArrays)
 
 
@@ -314,7 +315,7 @@ class Ghosts:
             search=SearchArrays(*search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way)),
         )
 
-    def raise_again(self, table: int, game: int) -> None:
+    def raise_error_of(self, table: int, game: int) -> None:
         count = len(self.wander_first)
         for k in range(count):
             chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
@@ -403,7 +404,7 @@ class MapGhosts:
             self._ghosts.compile_choices()
         decide(self._table.address, 0)
 
-    def rehearse(self, choices: NDArray[np.int64]) -> None:
+    def compile_kernels(self, choices: NDArray[np.int64]) -> None:
         """Compile all kernels in advance, then respawn the ghosts."""
         self.decide(choices)
         self.step()

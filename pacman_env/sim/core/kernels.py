@@ -1,4 +1,7 @@
-"""Compiled steps of one game, from the rules in ``game/`` and the physics in ``world/``; game i only uses row i."""
+"""Compiled steps of one game, from the rules in ``game/`` and the physics in ``world/``; game i only uses row i.
+
+In all kernels ``a`` are the ``RuleArrays``, ``g`` is a record of type ``GAME`` and ``p`` a record of ``PARAMETERS``.
+"""
 
 import math
 from typing import Any, NamedTuple
@@ -52,7 +55,7 @@ class RuleArrays(NamedTuple):
 
 @kernel
 def believed(g, use_tf):  # type: ignore[no-untyped-def]
-    """Return the pose (x, y, heading) on which the executor acts."""
+    """Return the pose (x, y, heading) on which the executor acts: from TF, or from the latched message."""
     if use_tf:
         return g.x + g.error_x, g.y + g.error_y, g.heading + g.error_heading
     return g.amcl_x, g.amcl_y, g.amcl_heading
@@ -74,6 +77,7 @@ def nearest(x, y, obstacles, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
+    """Copy the ghosts' positions (G,) to ``obstacles`` (G, 5), and the position of the nearest one to ``g``."""
     for k in range(len(ghosts)):
         obstacles[k, 0], obstacles[k, 1] = ghosts[k].x, ghosts[k].y
     k, _ = nearest(g.x + g.error_x, g.y + g.error_y, obstacles, g.step)
@@ -84,7 +88,7 @@ def see_ghosts(g, ghosts, obstacles):  # type: ignore[no-untyped-def]
 
 @kernel
 def reset_robot(g, home):  # type: ignore[no-untyped-def]
-    """Initialize a game's record for a round from ``home``; ``g.seed`` must be set."""
+    """Initialize a game's record for a round from the pose ``home`` (3,); ``g.seed`` must be set."""
     g.localization_stream = stream(g.seed, LOCALIZATION)
     g.nav_stream = stream(g.seed, NAVIGATION)
     g.x, g.y, g.heading = home[0], home[1], home[2]
@@ -113,7 +117,11 @@ def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped
 
 @kernel
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, use_tf):  # type: ignore[no-untyped-def]
-    """Place the ghosts of the games ``index`` on random spawn cells."""
+    """Place the ghosts of the games ``index`` (M,) on random spawn cells.
+
+    ``ghosts`` (N, G), ``paths`` (N, G, L) and ``obstacles`` (N, G, 5) belong to all games; ``wander_first`` is a mask
+    (G,).
+    """
     for i in index:
         g = games[i]
         level = level_arrays(levels[g.level])
@@ -132,7 +140,7 @@ def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, u
 
 @kernel
 def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
-    """Return True if a candidate is allowed: a remaining pellet or refuge without back-off after an abort, or hold."""
+    """Return True if a candidate is allowed: hold, or a remaining pellet or refuge without back-off after an abort."""
     # Without branches, because a processor cannot predict which pellets are left.
     is_refuge = (candidate >= p.pellet_slots) & (candidate - p.pellet_slots < g.refuges)
     is_hold = candidate == p.pellet_slots + p.refuge_slots
@@ -203,7 +211,10 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
-    """Run one controller step, which sets the force on the body for the next physics step."""
+    """Run one controller step, which sets the force on the body for the next physics step.
+
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``clearance`` (H, W) is in cm.
+    """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)
     else:
@@ -213,6 +224,7 @@ def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untype
 
 @kernel
 def end_tick(a, i):  # type: ignore[no-untyped-def]
+    """Count the tick, and update the distance of the nearest ghost and its closing speed."""
     g, p = a.games[i], a.parameters[0]
     g.tick += 1
     bx, by, _ = believed(g, p.use_tf)
@@ -224,6 +236,7 @@ def end_tick(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def begin_tick(g):  # type: ignore[no-untyped-def]
+    """Reset the tick's counts of pellets, caught ghosts and completed rounds."""
     g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds = 0, 0, 0, 0
 
 
@@ -252,6 +265,7 @@ def observe(a, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _continues(a, i):  # type: ignore[no-untyped-def]
+    """Return True if the round continues; otherwise end the tick."""
     if a.games[i].end != RUNNING:
         end_tick(a, i)
         return False
@@ -280,7 +294,8 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
     """Play one physics step of a single robot without a game; return False if it needs a physics space first.
 
-    ``nav`` contains the planner's arrays of the map.
+    ``state`` is games (1,), paths (1, PATH_POINTS, 2), obstacles (1, G, 5), parameters (1,) and goals (K, 2) in m;
+    ``cells`` are clearance (H, W) in cm and :func:`move`'s ``clear``; ``nav`` are ``planner.Fields`` without goals.
     """
     games, paths, obstacles, parameters, plan_end = state
     clearance, clear = cells
@@ -306,6 +321,7 @@ def earned(g, rewards):  # type: ignore[no-untyped-def]
 
 @kernel
 def summarize(g, i, summary):  # type: ignore[no-untyped-def]
+    """Write the facts of game i to its column of ``summary`` (8, N) int64, in the order of ``SUMMARY``."""
     summary[0, i], summary[1, i], summary[2, i] = g.end, g.collected, g.lost
     summary[3, i], summary[4, i], summary[5, i] = g.spawned, g.aborts, g.episode_seed
     summary[6, i], summary[7, i] = g.score, g.all_caught

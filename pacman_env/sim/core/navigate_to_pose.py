@@ -76,7 +76,7 @@ class Navigation:
         self._canceling.add(key)
         return True
 
-    def forget(self) -> None:
+    def drop_goals(self) -> None:
         """Drop all goals without results and stop the robot, as if the server ended."""
         self._current = self._pending = None
         self._canceling.clear()

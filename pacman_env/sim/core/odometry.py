@@ -37,7 +37,7 @@ class Odometry:
     def __init__(self, origin: Pose, errors: OdometryErrors | None) -> None:
         self.origin = origin
         self._errors = errors
-        self._deceived: Pose | None = None  # the filter's map-to-odom after a motion that it did not notice
+        self._map_to_odom: Pose | None = None  # the filter's belief while it ignores scans
 
     def at(self, true: Pose) -> Pose:
         """Convert a true pose to the odom frame."""
@@ -52,14 +52,14 @@ class Odometry:
             motion = self._errors.measured(motion)
         self.origin = compose(after, inverse(compose(self.at(before), motion)))
 
-    def deceive(self, true: Pose, filtered: Pose) -> None:
-        """Let the filter, which estimates the pose ``filtered``, follow the odometry alone from now on."""
-        if self._deceived is None:
-            self._deceived = compose(filtered, inverse(self.at(true)))
+    def lose_scans(self, true: Pose, filtered: Pose) -> None:
+        """From now on AMCL ignores the scan: its pose starts at ``filtered`` and follows the odometry."""
+        if self._map_to_odom is None:
+            self._map_to_odom = compose(filtered, inverse(self.at(true)))
 
-    def undeceive(self) -> None:
-        self._deceived = None
+    def regain_scans(self) -> None:
+        self._map_to_odom = None
 
     def believed(self, true: Pose) -> Pose | None:
-        """Return the pose that a deceived filter estimates, or None if the filter is not deceived."""
-        return None if self._deceived is None else compose(self._deceived, self.at(true))
+        """Return AMCL's pose while it ignores the scan, otherwise None."""
+        return None if self._map_to_odom is None else compose(self._map_to_odom, self.at(true))

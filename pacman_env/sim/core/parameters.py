@@ -211,7 +211,7 @@ def fright_steps(config: Config, round: int) -> int:
 
 
 def drawn_values(games: NDArray[Any], config: Config) -> dict[str, NDArray[np.float64]]:
-    """Return the drawn parameters of each game, by the names of ``config.randomize``."""
+    """Return the drawn parameters (N,) of the games, by the names of ``config.randomize``."""
     result = {name: games[_DRAWN[name]].astype(np.float64) for name, _, _ in config.randomize.ranges()}
     if "accept_delay_s" in result:
         result["accept_delay_s"] *= config.physics_step_s

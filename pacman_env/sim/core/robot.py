@@ -178,7 +178,7 @@ class SimulatedRobot:
                 return reason
         return "unknown"
 
-    def rehearse(self) -> None:
+    def compile_kernels(self) -> None:
         """Compile all kernels in advance; this plays one step."""
         self.set_goal(*self.pose[:2])
         self.cancel()
@@ -244,7 +244,7 @@ class SimulatedRobot:
     def shift_belief(self, shift: Pose) -> None:
         """Let the filter converge to the true pose plus ``shift``."""
         _check_finite("shift", shift)
-        self._odometry.undeceive()
+        self._odometry.regain_scans()
         _set_bias(self._g, shift)
         localization.update(self._g, self.steps)
 
@@ -260,7 +260,7 @@ class SimulatedRobot:
         if not free or overlap_m(grid.walls, np.array([[x, y]]), self.config.robot.radius_m)[0] > 0.0:
             raise ValueError(f"pose ({x:g}, {y:g}): the robot does not fit there")
         origin, last = self.pose, (float(g["odom_x"]), float(g["odom_y"]), float(g["odom_heading"]))
-        self._odometry.deceive(self.pose, _filtered(g, self.pose))
+        self._odometry.lose_scans(self.pose, _filtered(g, self.pose))
         _place_at_rest(g, self._spaces, pose)
         g["left"] = g["right"] = g["omega"] = 0.0
         # The next filter update comes at the same distance as without the move.
@@ -270,7 +270,7 @@ class SimulatedRobot:
 
     def slip(self, seconds: float) -> None:
         """Let the wheels slip in place for ``seconds``; the belief follows the wheels until :meth:`shift_belief`."""
-        self._odometry.deceive(self.pose, _filtered(self._g, self.pose))
+        self._odometry.lose_scans(self.pose, _filtered(self._g, self.pose))
         self._slips_until = self.steps + round(seconds / self.config.physics_step_s)
 
     def step(self) -> tuple[int, int]:

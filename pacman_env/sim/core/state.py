@@ -175,7 +175,7 @@ class GameLevels:
             cached = self.levels.has(level)
             self.slots[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
             if not cached:
-                self.spaces.forget(self.slots[i])
+                self.spaces.delete_spaces(self.slots[i])
 
     def enter(self, index: NDArray[np.int64], records: NDArray[Any]) -> None:
         """Write slot and size of the levels to the ``records`` (M,) of the games ``index`` (M,) that start a round."""

@@ -1,4 +1,7 @@
-"""Play ticks of many games in one call, game by game, so that the data of a game stays in the CPU cache for a tick."""
+"""Play ticks of many games in one call, game by game, so that the data of a game stays in the CPU cache for a tick.
+
+``table`` is the address of ``ChoiceArrays`` (:func:`choose`) or ``TickArrays`` (:func:`play`).
+"""
 
 from typing import Any, NamedTuple
 

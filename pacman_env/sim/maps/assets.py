@@ -148,7 +148,7 @@ def prepare_map(occupancy: OccupancyMap, config: Config, home: tuple[float, floa
 def _keep_freed_memory() -> None:
     """Make glibc keep up to 62 MB of freed memory for later arrays, by freeing one large array.
 
-    Otherwise an eighth of the time for preparing houses is spent on requesting memory from the system.
+    Otherwise preparing houses spends much of its time on requesting memory from the system.
     """
     np.empty(31 << 20, dtype=np.uint8)
 
@@ -215,7 +215,7 @@ def _build(
 
 
 def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathFields | None = None) -> dict[str, NDArray]:
-    """Return ``length_cm`` and ``next_step`` for all goals; a goal without a cell (-1) is unreachable."""
+    """Return ``length_cm`` (K, G) and ``next_step`` (G, K) for all goals; a goal without a cell (-1) is unreachable."""
     count, goals = len(grid.cell), len(goal_cell)
     length_cm = np.empty((goals, count), dtype=np.uint16)
     next_step = np.empty((goals, count), dtype=np.int16)
@@ -238,7 +238,7 @@ def choose_refuges(
 
 
 def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: RefugeConfig) -> list[int]:
-    """Return cells by farthest-point sampling with path lengths, starting from the given cells."""
+    """Return cells by farthest-point sampling with path lengths, starting from the cells ``given``."""
     if config.spread == 0:
         return []
     clearance = grid.clearance[grid.cell[:, 1], grid.cell[:, 0]]
@@ -249,7 +249,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
     chosen = list(given)
     for k in range(len(given) + config.spread - 1):
         length_cm, _ = fields.to(chosen[k])
-        farthest = _come_nearer(nearest, length_cm, roomy)
+        farthest = _lower_lengths(nearest, length_cm, roomy)
         if k + 1 == len(chosen):
             if nearest[farthest] <= 0:
                 break
@@ -258,8 +258,11 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 
 @kernel
-def _come_nearer(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Lower ``nearest`` to the path lengths to one more place, and return the roomy cell that is then farthest."""
+def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
+    """Lower ``nearest`` (K,) to the path lengths to one more place, ``length_cm`` (K,).
+
+    Return the cell of the mask ``roomy`` (K,) that is then farthest.
+    """
     farthest, most = 0, -1
     for k in range(len(nearest)):
         nearest[k] = min(nearest[k], length_cm[k])
@@ -277,6 +280,7 @@ def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int
 
 @kernel
 def _put(number, affine, position, cells):  # type: ignore[no-untyped-def]
+    """Write each number in ``cells`` to the element of ``number`` (H, W) under its position (K, 2), m."""
     rows, columns = number.shape
     for k in cells:
         x, y = position[k]

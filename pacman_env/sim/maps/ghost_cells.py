@@ -90,7 +90,10 @@ def clyde_cells(occupancy: FreeSpace, config: ClydeConfig, free_grey: int) -> Cl
 
 @kernel
 def nearest_positions(position, places):  # type: ignore[no-untyped-def]
-    """Return the index of the position nearest to each place (the first one in a tie) and its squared distance."""
+    """Return the index (P,) of the position nearest to each place, and its squared distance (P,), m2.
+
+    ``position`` (K, 2) and ``places`` (P, 2) are in m; the first one wins a tie.
+    """
     nearest, least = np.zeros(len(places), np.int64), np.full(len(places), np.inf)
     for k in range(len(places)):
         for i in range(len(position)):
@@ -102,6 +105,7 @@ def nearest_positions(position, places):  # type: ignore[no-untyped-def]
 
 @kernel
 def _distances(position, cells, places):  # type: ignore[no-untyped-def]
+    """Return the distance, m, of each of ``cells`` (M,) to the nearest place (P, 2); ``position`` (K, 2) is in m."""
     distance = np.full(len(cells), np.inf)
     for x, y in places:
         for i in range(len(cells)):
@@ -112,6 +116,7 @@ def _distances(position, cells, places):  # type: ignore[no-untyped-def]
 
 @kernel
 def _number_neighbours(graph, rows, columns):  # type: ignore[no-untyped-def]
+    """Write the neighbour of each cell in 8 directions, -1: not allowed, to the columns 0 to 7 of ``graph``."""
     number = np.full((rows + 2, columns + 2), -1, np.int32)
     for k in range(len(graph)):
         number[graph[k, _AT_PIXEL + 1] + 1, graph[k, _AT_PIXEL] + 1] = k

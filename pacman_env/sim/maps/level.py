@@ -104,7 +104,7 @@ class Level:
 
     @functools.cached_property
     def assets(self) -> MapAssets:
-        """The whole map, for code outside of kernels; a level loaded from disk prepares it here (30 ms)."""
+        """The whole map, for code outside of kernels; a level loaded from disk prepares it here."""
         return self._prepare()
 
     def find(self, place: int) -> Table | None:

@@ -88,7 +88,7 @@ TRAIN_SET, TEST_SET = 1000, 200
 _MOST_KEPT = 20_000  # larger sets are not cached
 _ATTEMPTS = 60
 _LONGEST_GHOST_WAY = 4096  # cells; at most 863 in the first 80 levels
-_SPARE_SLOTS = 64  # slots beyond one per game, if all levels then have a slot
+_SPARE_SLOTS = 64  # at most this many more slots than games, if every level then has one
 _NEAR_M, _NEAR_SHARE = 0.5, 0.75  # ghosts can come within this distance of this share of the pellets
 _PELLETS = (4, 16)  # range of a house at a spacing of 2 m
 WIDE = 2  # factor of length and width
@@ -157,7 +157,10 @@ class GeneratedMaps:
         return prepare_level(self.start_level, self._config, self.scale)
 
     def slots(self, games: int) -> int:
-        """Return one slot per game, or one per level if there are few; at least two, which means that maps change."""
+        """Return the number of slots: one per game, or one per level if there are few levels.
+
+        There are at least two, because one slot means that the map never changes.
+        """
         return max(self.num_levels if self.num_levels <= games + _SPARE_SLOTS else games, 2)
 
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:

@@ -99,7 +99,7 @@ def planner_stage(
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
-    """Prepare the maps in ``slots`` for the prediction."""
+    """Prepare the maps in ``slots`` (M,) for the prediction."""
     for level in maps_of(situation).levels(slots):
         level.add_coarse_steps()
 
@@ -113,7 +113,10 @@ def maps_wanted(situation: Situation) -> None:
 
 @kernel
 def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
-    """Fill the columns of the nearest ghosts, one ghost after the other."""
+    """Write the ``TokenColumn`` values of the four nearest ghosts to ``tokens`` (4 x 9,), nearest first.
+
+    Columns of missing ghosts keep their value.
+    """
     snap, length_cm, affine = level.snap, level.length_cm, level.affine
     x, y = s.robot[i, 0], s.robot[i, 1]
     column, row = cell_of(affine, snap.shape[0], snap.shape[1], x, y)
@@ -149,7 +152,11 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ignore[no-untyped-def]
-    """Fill the columns of the situation; ``shortest`` is the path length to the nearest pellet, m."""
+    """Write the columns of situation i, without those of ghosts, to ``row``.
+
+    ``clyde_m`` and ``shortest`` are the distances, m, of the nearest ghost and, by path, of the nearest pellet;
+    ``limit_s`` is the length of a round and ``coming`` the number of approaching ghosts.
+    """
     left_s = max(limit_s - s.time_s[i], 0.0)
     row[GlobalColumn.TIME_LEFT], row[GlobalColumn.TIME_SHORT] = min(left_s / 200.0, 5.0), math.exp(-left_s / 30.0)
     row[GlobalColumn.COMING] = coming
@@ -181,7 +188,7 @@ def _shortest_way(s, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[no-untyped-def]
-    """Fill the columns for the kind of a candidate and its distance from robot and ghosts."""
+    """Write the columns for the kind of candidate c, and for its distance from robot and ghosts, to ``f``."""
     f[CandidateColumn.IS_PELLET], f[CandidateColumn.IS_REFUGE] = s.kind[i, c] == PELLET, s.kind[i, c] == REFUGE
     f[CandidateColumn.IS_HOLD], f[CandidateColumn.IS_CURRENT] = s.kind[i, c] == HOLD, c == s.current[i]
     f[CandidateColumn.IS_POWER] = s.is_power[i, c]
@@ -199,6 +206,7 @@ def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[
 
 @kernel
 def _describe_meeting(m, f):  # type: ignore[no-untyped-def]
+    """Write the columns of the encounters ``m`` (9,) with wandering ghosts to a candidate's features ``f``."""
     f[CandidateColumn.CAUGHT_SOON], f[CandidateColumn.CAUGHT] = m[prediction.CAUGHT_SOON], m[prediction.CAUGHT]
     f[CandidateColumn.APPROACHED] = m[prediction.APPROACHED]
     f[CandidateColumn.CLOSEST_MEAN] = min(m[prediction.CLOSEST_MEAN], 10.0) / 3.0
@@ -211,6 +219,7 @@ def _describe_meeting(m, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
+    """Write the columns of the outlook ``h`` (7,) with approaching ghosts to a candidate's features ``f``."""
     f[CandidateColumn.HUNTED], f[CandidateColumn.HUNTED_CAUGHT] = 1.0, h[outlook.CAUGHT]
     f[CandidateColumn.HUNTED_ARRIVES] = h[outlook.ARRIVES_S] / 15.0
     f[CandidateColumn.HUNTED_CLOSEST] = min(h[outlook.CLOSEST_M], 5.0) / 3.0
@@ -222,7 +231,7 @@ def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
-    """Fill the columns for pellets and ghost cells around a candidate, if it has a cell on the grid."""
+    """Write the columns for pellets and ghost cells around candidate c, if it has a cell on the grid, to ``f``."""
     g = s.goal[i, c]
     if g < 0 or level.goal_cell[g] < 0:
         return
@@ -246,6 +255,7 @@ def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the features of the situations ``first`` to ``last``; return 0, or ``NEEDS_MAPS`` without coarse maps."""
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])

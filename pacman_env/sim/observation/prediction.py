@@ -27,7 +27,7 @@ _SOON = round(SOON_S / STEP_S)  # instants
 _FIRST_M = 0.4  # length of the start of a path that decides its direction
 _SHARPNESS = 4.0  # rate at which the weight of a path falls with the angle to the ghost's last motion
 _FAR_M = 10.0  # distance of a ghost that cannot move in this part of the map
-_AHEAD = 3  # instants written per coarse step, usually enough (saves 11 % of the time for 64 games)
+_AHEAD = 3  # instants written per coarse step without a branch, usually enough
 REQUEST = np.dtype(
     [
         ("games", np.int64),  # lengths of the situation's block
@@ -85,23 +85,28 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
 
 @kernel
 def seen_by(seen):  # type: ignore[no-untyped-def]
+    """Return the arrays of the situations in a ``SeenArrays``."""
     r = seen.request[0]
     return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
 
 
 @kernel
 def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-def]
+    """Write the point at ``share`` (limited to 0..1) of the way (dx, dy) from (x, y), in cells, to element ``at``."""
     part = min(max(share, 0.0), 1.0)
     out_x[at], out_y[at] = x + dx * part, y + dy * part
 
 
 @kernel
 def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type: ignore[no-untyped-def]
-    """Simulate ``count`` walkers on shortest paths to goals, and write the cell of each at every instant, (B, _BLOCK).
+    """Simulate ``count`` walkers on shortest paths to goals, and write their place in cells at every instant.
+
+    ``out_x`` and ``out_y`` are blocks of ``_BLOCK`` float32: walker ``w`` is number ``w % WIDTH`` of block ``w //
+    WIDTH``. ``steps`` are the map's coarse steps with ``across`` tiles in a row, ``walkers`` are ``_Walkers``, and
+    ``stretch`` is cells per instant. With ``goals`` above 1, a walker that has arrived continues to another goal.
 
     Walkers take coarse steps in turn, which hides the latency of memory. Instants beyond a coarse step are written too,
-    and overwritten later, which avoids a branch. With ``goals`` above 1, a walker that has arrived continues to another
-    goal. Walker ``w`` is number ``w % WIDTH`` of block ``w // WIDTH``; ``stretch`` is cells per instant.
+    and overwritten later, which avoids a branch.
     """
     starts, cells, targets, walked, written = walkers
     walking = 0
@@ -167,7 +172,8 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  # type: ignore[no-untyped-def]
     """Write the possible paths of a ghost and their weights, which sum to 1, and return their number.
 
-    ``ghost`` is position, drivable cell and velocity, in cells. One more path without a weight stands still.
+    ``ghost`` is position, drivable cell and velocity, in cells. The path's first ``first`` cells decide its weight. One
+    more path without a weight stands still.
     """
     (x, y), cell, (vx, vy) = ghost
     tile = tile_index(cell[0], cell[1], across)
@@ -199,9 +205,10 @@ def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  
 
 @kernel
 def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Write the direction of the start of the robot's path to a goal, and return its angle to the heading, rad.
+    """Write the direction of the start of the robot's path to a goal to ``result`` (9,).
 
-    -1: there is no path, or the robot is at the goal.
+    Return its angle to the heading, rad; -1 if there is no path, or if the robot is at the goal. ``start`` and
+    ``clyde`` are positions in cells, ``cell`` is column and row, and ``heading`` a unit vector.
     """
     column, row = cell
     for _ in range(2):
@@ -223,7 +230,11 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 @kernel
 def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-def]
-    """Lower ``best`` (one vector) to the squared distances of the robot's paths from ghost path k at some instants."""
+    """Lower ``best`` to the squared distances between the robot's paths and ghost path k at some instants.
+
+    The row ``best`` and the result have one number for each of ``WIDTH`` robot paths; the instants are ``first`` to
+    ``last``.
+    """
     other = k // WIDTH * _BLOCK + k % WIDTH
     for j in range(first * WIDTH, last * WIDTH, WIDTH):
         dx = minus(load(own.x, at + j), all_of(paths.x[other + j]))
@@ -234,7 +245,10 @@ def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-d
 
 @kernel
 def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
-    """Compare a block of the robot's paths, which starts at element ``at``, with all paths of the ghost."""
+    """Compare a block of the robot's paths, which starts at element ``at``, with ``used`` paths of the ghost.
+
+    ``own`` and ``paths`` are ``_Paths``; the results are six rows in ``sums`` (6 x WIDTH,).
+    """
     far = all_of((_FAR_M * cells_per_m) ** 2)
     near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
     soon, caught, approached, mean, least = all_of(0.0), all_of(0.0), all_of(0.0), all_of(0.0), far
@@ -258,11 +272,13 @@ def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untype
 
 @kernel
 def _in_cells(affine, x, y):  # type: ignore[no-untyped-def]
+    """Convert a position in m to column and row, floats."""
     return affine[0] * x + affine[1] * y + affine[2], affine[3] * x + affine[4] * y + affine[5]
 
 
 @kernel
 def _turned(affine, x, y):  # type: ignore[no-untyped-def]
+    """Convert a vector in m to columns and rows, floats."""
     return affine[0] * x + affine[1] * y, affine[3] * x + affine[4] * y
 
 
@@ -274,6 +290,7 @@ def _steps(level):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drivable_cell(affine, snap, cell_xy, x, y):  # type: ignore[no-untyped-def]
+    """Return column and row of the drivable cell nearest to (x, y), m."""
     rows, columns = snap.shape
     column, row = cell_of(affine, rows, columns, x, y)
     k = snap[row, column]
@@ -297,6 +314,7 @@ class _Paths(NamedTuple):
 
 @kernel
 def _paths(count):  # type: ignore[no-untyped-def]
+    """Return memory for ``count`` paths."""
     size = (count + WIDTH - 1) // WIDTH * _BLOCK
     coordinates = np.zeros(size, np.float32), np.zeros(size, np.float32)
     return _Paths(coordinates[0], coordinates[1], np.empty(count, np.float32), np.empty(count, np.int64))
@@ -396,6 +414,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the encounters of the situations ``first`` to ``last`` with the nearest ghost; return 0."""
     a = _arrays(table)
     s = seen_by(a.seen)
     room = room_to_meet(a.seen.request[0].goals, a.result.shape[1])

@@ -60,6 +60,10 @@ def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ig
 
 @kernel
 def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
+    """Return row and column, floats, of a point (dx, dy), m, relative to the robot.
+
+    ``view`` is cosine and sine of the heading, pixels per m, and the pixel coordinate of the middle.
+    """
     cos, sin, pixels_per_m, middle = view
     dx, dy = dx * pixels_per_m, dy * pixels_per_m
     return middle - (dx * cos + dy * sin), middle - (dy * cos - dx * sin)

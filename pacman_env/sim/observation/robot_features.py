@@ -114,17 +114,19 @@ def features_stage(situation: Situation, arrays: Observation) -> Stage:
 
 @kernel
 def _cap(value, limit):  # type: ignore[no-untyped-def]
+    """Clip a value to [-limit, limit]."""
     return min(max(value, -limit), limit)
 
 
 @kernel
 def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
-    """Rotate a map-frame vector to forward and left of a robot with this heading (cosine, sine), and clip it."""
+    """Rotate a map-frame vector to forward and left of a robot with this heading (cosine, sine), and clip both."""
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
 @table_kernel
 def write_features(table, first, last):  # type: ignore[no-untyped-def]
+    """Write ``FeatureArrays`` for the situations ``first`` to ``last``; ``table``: of ``_RobotArrays``. Return 0."""
     a = _fill_arrays(table)
     n, count, others = a.lengths
     f, s = a.seen, _situation(address_of(a.block), n, count, others)
@@ -204,6 +206,7 @@ def power_stage(situation: Situation, arrays: Observation) -> Stage:
 
 @table_kernel
 def write_power(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the last two ``PowerArrays``, at ``table``, for the situations ``first`` to ``last``; return 0."""
     a = _power_arrays(table)
     for i in range(first, last):
         for c in range(a.is_power.shape[1]):
@@ -262,6 +265,10 @@ def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # type: ignore[no-untyped-def]
+    """Write ``out`` (N, K, 7), the bearings of the candidates ``order`` (N, K); rows of ``MISSING`` stay 0.
+
+    The other arrays are those of a ``Situation``; ``levels`` are the addresses of the levels by slot.
+    """
     for i in range(len(robot)):
         a = level_arrays(levels[level[i]])
         length_cm, next_step, cell_xy = a.length_cm, a.next_step, a.cell_xy
@@ -291,6 +298,7 @@ def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # t
 
 @kernel
 def _fill_ghosts(robot, ghosts, out):  # type: ignore[no-untyped-def]
+    """Write ``out`` (N, G, 5), the bearings of the ghosts (N, G, 5) from the robots (N, 3)."""
     for i in range(len(robot)):
         cos, sin = math.cos(robot[i, 2]), math.sin(robot[i, 2])
         for k in range(ghosts.shape[1]):

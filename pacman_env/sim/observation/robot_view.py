@@ -17,7 +17,7 @@ from ...game.pellets import generate_pellets
 from ...game.power import HARMLESS_UNTIL
 from ...world.navigation.grid import cell_of
 from ..core import kernels
-from ..core.beliefs import forget_ghost, watch
+from ..core.beliefs import reset_ghost_belief, watch
 from ..core.parameters import GHOST, batch_parameters
 from ..maps.assets import MapAssets
 from ..maps.level import Level
@@ -26,8 +26,8 @@ from .situation import Situation
 from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
 
 _AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
-_JUMP_M = 0.5  # a longer jump than this beyond the ghost's speed counts as a teleport
-_BESIDE = 1.2  # cells: at this distance from a cell, its straight or diagonal neighbour is nearest
+_JUMP_M = 0.5  # a move that exceeds the ghost's speed by more than this counts as a teleport
+_BESIDE = 1.2  # cells: a point this far behind a cell is nearest to the neighbour behind it, straight or diagonal
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,9 @@ class Seen:
     pose_age_s: float = 0.0
     masked: Collection[int] = ()  # forbidden candidates
     pursued: int = -1  # current candidate, -1: none
-    harmless_s: NDArray[np.float64] | None = None  # (G, 2) for how long each ghost is harmless and away; None: not
+    harmless_s: NDArray[np.float64] | None = (
+        None  # (G, 2) for how long each ghost is harmless and away; None: no ghost is
+    )
 
 
 class RobotView:
@@ -79,7 +81,7 @@ class RobotView:
         count = len(config.clyde.ghosts)
         self._ghosts = np.zeros((1, count), dtype=GHOST)
         self._ghosts["place"] = -1
-        self._forget()
+        self._reset_beliefs()
         self._cells = np.zeros((1, count, 1), dtype=np.int32)  # only the last cell of each ghost's path is known
         self._obstacles = np.zeros((1, count, 5))
         self._stamp_ns: list[int | None] = [None] * count
@@ -99,15 +101,15 @@ class RobotView:
         )
 
     def begin(self) -> None:
-        """Start a round: forget beliefs and distances of the last one."""
+        """Start a round: reset beliefs and distances."""
         self._games["tick"] = 0
         self._games["closing"] = 0.0
         self._seen_s = None
-        self._forget()
+        self._reset_beliefs()
 
-    def _forget(self) -> None:
+    def _reset_beliefs(self) -> None:
         for ghost in self._ghosts[0]:
-            forget_ghost(ghost)
+            reset_ghost_belief(ghost)
 
     @property
     def unseen(self) -> list[str]:
@@ -132,14 +134,14 @@ class RobotView:
             ghost["vx"], ghost["vy"] = dx / period, dy / period
         else:  # first observation, teleport, or a clock was set back
             ghost["vx"] = ghost["vy"] = 0.0
-            forget_ghost(ghost)
+            reset_ghost_belief(ghost)
         ghost["x"], ghost["y"] = x, y
         self._obstacles[0, number, :2] = x, y
         self._stamp_ns[number] = stamp_ns
         self._cells[0, number, 0] = self._cell_passed(ghost)
 
     def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """Return the last cell that a ghost passed; ghosts move in straight lines between cells."""
+        """Return the last cell that a ghost passed on its way between two adjacent cells."""
         cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
         nearest, _ = cells.nearest(*at)
         ahead = cells.position[nearest] - at
@@ -166,14 +168,14 @@ class RobotView:
         return Pellets(known, tuple(unknown))
 
     def nearest_ghost_m(self, at: tuple[float, float]) -> float:
-        """Return the straight distance to the nearest ghost that is not harmless, m."""
+        """Return the straight distance, m, from a place to the nearest ghost that is not harmless."""
         return float(kernels.nearest(*at, self._obstacles[0], np.int32(self._games["step"][0]))[1])
 
     def is_candidate(self, pellet: int) -> bool:
         return self.goals.slot.get(pellet, self.goals.candidates) < self.goals.candidates
 
     def off_the_map(self, x: float, y: float) -> bool:
-        """Return True if a position, m, is far from all drivable cells."""
+        """Return True if a position, m, is more than ``_AWAY_M`` from all drivable cells."""
         grid = self.assets.grid
         column, row = cell_of(grid.affine, *grid.shape, x, y)
         near = self.assets.cell_xy[grid.snap[row, column]]
@@ -212,7 +214,7 @@ class RobotView:
         g["tick"] += 1
         return situation
 
-    def rehearsal(self, player: int = -1) -> Situation:
+    def sample_situation(self, player: int = -1) -> Situation:
         """Return a situation at the home pose with all pellets, to warm up a policy; this view does not change."""
         other = RobotView(self.assets, self._config, levels=self._levels)
         x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()

@@ -58,6 +58,7 @@ _candidates, _rows = arrays_by_address(CandidateArrays), arrays_by_address(RowAr
 
 @table_kernel
 def list_candidates(table, first, last):  # type: ignore[no-untyped-def]
+    """Write ``listed``, ``wanted`` and ``allowed`` for the situations ``first`` to ``last``; return 0."""
     a = _candidates(table)
     count = a.listed.shape[1]
     for i in range(first, last):
@@ -78,6 +79,7 @@ def list_candidates(table, first, last):  # type: ignore[no-untyped-def]
 
 @kernel
 def _scaled(value, scale, first, second):  # type: ignore[no-untyped-def]
+    """Return a float32 scaled to about [-1, 1] by its scale type and its two numbers in ``RowArrays``."""
     if scale == BY_UNIT and second > 0:
         return value / (abs(value) + second)
     if scale != NOT:
@@ -88,6 +90,7 @@ def _scaled(value, scale, first, second):  # type: ignore[no-untyped-def]
 
 @table_kernel
 def write_rows(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the targets of all parts for the games ``first`` to ``last``, listed and scaled; return 0."""
     a = _rows(table)
     for i in range(first, last):
         for k in range(len(a.parts)):

@@ -88,7 +88,7 @@ class Situation:
         return self.fright[:, :, HARMLESS] > 0.0
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        """Create an array view at its first use, because creating all views takes as long as a step."""
+        """Create an array view at its first use: a step needs few views, and creating all takes long."""
         block = self.__dict__.get("_block")
         if block is None or name not in LAYOUT.fields:
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
@@ -105,7 +105,7 @@ class Situation:
         return tuple(getattr(self, name) for name in LAYOUT.fields)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
-        """Return the situations at ``index`` as a smaller batch."""
+        """Return the situations at ``index`` (M,), or in a slice, as a smaller batch."""
         arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
@@ -195,6 +195,7 @@ def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[
 
 @kernel
 def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
+    """Call :func:`list_nearest` for each situation: write ``order`` (N, K)."""
     for i in range(len(kind)):
         list_nearest(kind[i], mask[i], path[i], current[i], pellets, refuges, order[i])
 

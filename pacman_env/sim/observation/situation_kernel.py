@@ -50,13 +50,18 @@ _arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
 
 
 def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
-    """Set which situation :func:`write_situations` fills next, for the robot's policy (-1) or ghost ``player``."""
+    """Write to ``request`` (1,) which situation to fill next: the robot's (``player`` -1) or ghost ``player``'s."""
     block, *lengths = situation.block()
     request[0] = (address(block), *lengths, player)
 
 
 @table_kernel
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
+    """Write the situations of the games ``first`` to ``last`` and their columns of ``summary``; return 0.
+
+    ``table`` is the address of ``ViewArrays``. Their ``request`` selects the block to fill, and whose situation it is:
+    the robot's, or the ghost's ``player``, for which the ghost is Clyde and the candidates are places for ghosts.
+    """
     a = _arrays(table)
     rules, ghosts, ghost_paths, request = a.rules, a.ghosts, a.ghost_paths, a.request[0]
     p = rules.parameters[0]

@@ -24,7 +24,7 @@ class Dice:
     def __init__(self, *key: int) -> None:
         generator = np.random.default_rng(key)
         drawn = itertools.chain.from_iterable(generator.random(_AT_ONCE).tolist() for _ in itertools.count())
-        self.draw = drawn.__next__  # twice as fast as calling Generator.random
+        self.draw = drawn.__next__  # faster than calling Generator.random
 
     def between(self, low: float, high: float) -> float:
         return low + (high - low) * self.draw()

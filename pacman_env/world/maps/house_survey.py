@@ -20,7 +20,7 @@ Shape = tuple[int, float, float, float, float, float]
 
 _MARGIN_PX = (6, 45)  # range of the margin between the building and each edge of the image
 _CELL, _CELL_ASKEW = 5, 7  # chamfer distances
-_LATTICE_PX, _PLACES = 40, 5  # Algorithm 1's lattice at 2 m from pixel (0, 0), and the wanted number of pellets
+_LATTICE_PX, _PLACES = 40, 5  # px between pellets of Algorithm 1's lattice (2 m), and the wanted number of pellets
 _PLACE_CLEARANCE = 8 * _CELL  # half diagonal of a pellet's free square
 _CROPS = 4  # attempts to crop
 _STOP_CLEARANCE = 6 * _CELL  # the robot stops more than 0.3 m from anything
@@ -94,7 +94,10 @@ def _raster(
 
 
 def _crop(clearance: NDArray[np.int32], margin: tuple[int, int], draw: Callable[[], float]) -> tuple[slice, slice]:
-    """Return the rows and columns to keep, with random margins that give the lattice places for pellets."""
+    """Return the rows and columns to keep, with random margins that leave enough places for pellets.
+
+    ``clearance`` (H, W) is in units of _CELL per cell, and ``margin`` the widths (x, y) that may be removed.
+    """
     most, window = -1, (slice(None), slice(None))
     spare_x, spare_y = (max(m - _MARGIN_PX[0] + 1, 0) for m in margin)
     for _ in range(_CROPS):
@@ -129,7 +132,7 @@ def _clearance(kind):  # type: ignore[no-untyped-def]
 
 @kernel
 def _largest_part(mask):  # type: ignore[no-untyped-def]
-    """Return the cells (flat, int64) of the largest 4-connected part of a mask with an empty border, breadth first."""
+    """Return the cells (flat, int64) of the largest 4-connected part of a mask (H, W) with an empty border."""
     columns = mask.shape[1]
     left = mask.copy().ravel()
     queue = np.empty(left.size, np.int64)
@@ -157,9 +160,10 @@ def _largest_part(mask):  # type: ignore[no-untyped-def]
 
 @kernel
 def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
-    """Drive a tour, scan at each place not yet covered at short range, and return ``seen`` and ``hit``.
+    """Drive a tour, scan at each place not yet covered at short range, and return ``seen`` and ``hit`` (H, W) uint8.
 
-    ``seen`` (H, W) is 1 for cells that a ray passed, 2 for those near a stop; ``hit`` (H, W) is 1 where a ray ended.
+    ``seen`` is 1 for cells that a ray passed, and 2 for cells near a stop; ``hit`` is 1 where a ray ended. ``kind`` (H,
+    W) are the kinds of cells, ``tour`` flat cells, and ``ray`` (R, 2) unit vectors.
     """
     rows, columns = kind.shape
     seen, hit = np.zeros((rows, columns), np.uint8), np.zeros((rows, columns), np.uint8)
@@ -212,7 +216,7 @@ def _drive(kind, tour, ray, seed):  # type: ignore[no-untyped-def]
 
 @kernel
 def _noise(seed, row, column, cells):  # type: ignore[no-untyped-def]
-    """Return a random number in [0, 1) that is the same for all cells of a square patch."""
+    """Return a random number in [0, 1) that is the same for all cells of a square patch of ``cells`` x ``cells``."""
     patch = np.uint64((row // cells) * 4096 + column // cells + cells * 2**40)
     return float(mix(seed ^ mix(patch)) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 

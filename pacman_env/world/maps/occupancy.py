@@ -22,7 +22,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from pacman_env.files import displayable, replaced, shipped
-from pacman_env.plugins import offer
+from pacman_env.plugins import suggest
 from pacman_env.world.maps.map_image import SUFFIXES, Grey, Mask, read_pixels
 
 Pose = tuple[float, float, float]  # x, y, yaw: m and rad
@@ -175,7 +175,7 @@ class OccupancyMap:
             MapError: ``image`` is not a valid name, or no image of this type gives this grey and occupancy.
             OSError: a file cannot be written.
         """
-        import cv2  # 16 MB, not needed for reading a PGM
+        import cv2  # large, and not needed for reading a PGM
 
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
@@ -242,7 +242,7 @@ def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
         raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
     if path.suffix or len(path.parts) > 1:
         raise MapError(f"{source}: no such file or folder")
-    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {offer(str(source), names)}")
+    raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {suggest(str(source), names)}")
 
 
 def map_name(path: Path) -> str:

@@ -1,7 +1,8 @@
 """Local controller of the simulated Nav2: converts a plan to wheel speeds and a force on the body.
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
-Clyde. Kernels work on one game's record ``g``.
+Clyde. Kernels work on one game's record ``g`` and its plan ``path`` (PATH_POINTS, 2), m. ``p`` is a record of
+``PARAMETERS``, v and w are m/s and rad/s, and ``clearance`` (H, W) is in cm.
 """
 
 import math
@@ -25,9 +26,10 @@ START_FIELDS = tuple((name, np.float64) for name in ("free_turn", "turn_radps", 
 
 
 def start_values(config: Config) -> tuple[float, float, float, float]:
-    """Return a turn that costs nothing, rad, the rate of the rest, rad/s, and the costs of speeding up and of all else.
+    """Return the values of ``START_FIELDS``.
 
-    For MPPI they hold within 1 s on open floor.
+    They are the largest turn that costs no time, rad, the rate of the rest of a turn, rad/s, the time lost by speeding
+    up, s, and any other delay, s. For MPPI they hold within 1 s on open floor.
     """
     if config.nav2.controller == "pure_pursuit":
         return 0.7, 1.2, 0.0, 0.0
@@ -45,7 +47,7 @@ def start_s(off, v, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turned(c, s, angle):  # type: ignore[no-untyped-def]
-    """Rotate a heading (cosine, sine) by a small angle, using a series with an error of 1e-5 at 0.5 rad."""
+    """Rotate a heading (cosine, sine) by a small angle, rad, using a series with an error of 1e-5 at 0.5 rad."""
     a2 = angle * angle
     ca = 1.0 - a2 * (0.5 - a2 * (1.0 / 24.0))
     sa = angle * (1.0 - a2 * (1.0 / 6.0 - a2 * (1.0 / 120.0)))
@@ -72,7 +74,7 @@ class Obstacles(NamedTuple):
 
 @kernel
 def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return the cost in m of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
+    """Return the cost, m, of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
 
     ``_SAMPLES`` points of the arc are tested. A point inside the inscribed radius, or inside Clyde's region, is only
     admissible if it is not worse than the robot's position, which lets the robot get out.
@@ -122,7 +124,7 @@ def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _angle(x, y):  # type: ignore[no-untyped-def]
-    """Return atan2(y, x) with an error of at most 0.004 rad; a game takes a tenth less time than with atan2."""
+    """Return atan2(y, x), rad, with an error of at most 0.004 rad, faster than ``math.atan2``."""
     ax, ay = abs(x), abs(y)
     t = min(ax, ay) / max(max(ax, ay), 1e-12)
     angle = t * (0.25 * math.pi + 0.273 * (1.0 - t))
@@ -156,7 +158,11 @@ def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return (ok, v, omega) where the direct arc, to ``target`` (x, y, omega; m from the robot), is not admissible."""
+    """Return (ok, v, omega) if the direct arc to ``target`` is not admissible.
+
+    ``target`` is (x, y, omega): the target point relative to the robot, m, along the axes of the map, and the turn rate
+    of the direct arc, rad/s.
+    """
     bx, by, ch, sh = pose
     tx, ty, direct_w = target
     v_max = g.speed_limit

@@ -115,7 +115,7 @@ class DriveGrid:
 
 @kernel
 def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
-    """Return the cell with the centre nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
+    """Return the number in ``cell_id`` (H, W) nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
     rows, columns = cell_id.shape
     number = -1
     least = np.inf
@@ -157,7 +157,11 @@ def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float3
 
 @kernel
 def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
-    """Convert distances to m; rounding the squares to whole numbers removes OpenCV's varying last bit."""
+    """Convert distances (H, W) from cells to m.
+
+    Squared distances between cells are whole numbers. They are rounded first, because OpenCV's last bit differs between
+    machines.
+    """
     rounded = np.empty(distance.shape, np.float32)
     for row in range(len(distance)):
         for column in range(distance.shape[1]):
@@ -180,7 +184,7 @@ def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfi
 
 
 def _frame(mask: NDArray[np.bool_], margin: int) -> tuple[int, int, int, int]:
-    """Return the row range and column range (ends excluded) of the set cells with a margin."""
+    """Return the row range and column range (ends excluded) of the set cells of a mask (H, W), with a margin."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if len(rows) == 0:
         return 0, mask.shape[0], 0, mask.shape[1]
@@ -201,7 +205,8 @@ def _home_cell(
 ) -> tuple[int, int]:
     """Return the wished cell if the robot can stand there, otherwise the one with most clearance in the largest part.
 
-    Unless ``any_part``, the wished cell must be in a part large enough for a game: at least a quarter of the largest.
+    ``labels`` and ``clearance`` are (H, W), ``areas`` the sizes of the parts, and cells are (column, row). Unless
+    ``any_part``, the wished cell must be in a part large enough for a game: at least a quarter of the largest.
     """
     column, row = wished
     rows, columns = labels.shape
@@ -238,7 +243,7 @@ def build_grid(
     res = occupancy.resolution
     free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
     free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
-    # Cells farther from all free cells have no effect.
+    # A cell farther than ``keep`` from every free cell has no effect.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
     r0, r1, c0, c1 = _frame(free, keep)
     free = free[r0:r1, c0:c1]
@@ -303,7 +308,7 @@ def build_grid(
 
 @kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Return column and row of a world position in m, clipped to the grid."""
+    """Return column and row of a world position in m, clipped to the grid; ``affine`` (6,) maps m to cells."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

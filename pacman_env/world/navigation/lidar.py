@@ -23,7 +23,7 @@ _NORMAL = (_NORMAL / _NORMAL.std()).astype(np.float32)
 
 @kernel
 def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-untyped-def]
-    """Lengthen each ray, in cells, by the clearance at its end; rays outside the grid keep growing."""
+    """Lengthen ``ranges`` (R,), in cells, by the clearance at the ends of the rays; outside the grid they grow."""
     rows, columns = clearance_cm.shape
     for k in range(len(ranges)):
         t = ranges[k]
@@ -37,8 +37,9 @@ def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-
 def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     """Return the distance from (x, y) along a unit vector to the first cell that is not free, all in cells.
 
-    No such cell is nearer than ``t``; the result is ``limit`` without one, or if the ray leaves the grid. Edges of
-    cells (Amanatides and Woo 1987) have distances from (x, y), so that the jumps do not affect the result.
+    The search starts at the distance ``t``: there is no such cell before. Without one before ``limit`` or the edge of
+    the grid, the result is ``limit``. Crossings of cell edges (Amanatides and Woo 1987) are computed from (x, y), so
+    that ``t`` does not affect the result.
     """
     rows, columns = clearance_cm.shape
     at_x, at_y = x + t * ux, y + t * uy
@@ -47,7 +48,8 @@ def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     column, row = int(at_x), int(at_y)
     per_column, per_row = 1.0 / abs(ux), 1.0 / abs(uy)
     step_x, step_y = 1 if ux >= 0.0 else -1, 1 if uy >= 0.0 else -1
-    # Parallel to an axis the other axis' edges are at infinity: 0 counts as upwards, where no edge is at x itself.
+    # A ray parallel to an axis crosses no edge of the other axis: its distance is infinite. A component of 0 counts as
+    # positive, because the next edge in this direction is never at x itself (0 / 0).
     next_x = (column + 1 - x if ux >= 0.0 else x - column) * per_column
     next_y = (row + 1 - y if uy >= 0.0 else y - row) * per_row
     while clearance_cm[row, column] != 0:

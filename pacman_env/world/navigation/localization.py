@@ -15,7 +15,7 @@ from ...rng import normal
 
 
 def record_fields(kind: Any, names: str) -> list[tuple[str, Any]]:
-    """Return fields with one dtype for a game's record, for ``numpy.dtype``."""
+    """Return fields of a game's record for ``numpy.dtype``: one of type ``kind`` for each word of ``names``."""
     return [(name, kind) for name in names.split()]
 
 
@@ -41,7 +41,10 @@ def wrap(angle):  # type: ignore[no-untyped-def]
 
 @kernel
 def update(g, step):  # type: ignore[no-untyped-def]
-    """Update the filter of game ``g``: draw the error and publish the pose. At step 0 no old error is kept."""
+    """Update the filter of game ``g`` at a physics step: draw the error and publish the pose.
+
+    At step 0 no old error is kept.
+    """
     stream = g.localization_stream
     share = g.error_kept if step > 0 else 0.0
     new = math.sqrt(1.0 - share * share)  # keeps the standard deviation at sigma
@@ -67,7 +70,7 @@ def update(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def scan(g, step):  # type: ignore[no-untyped-def]
-    """Process a laser scan: update the filter if the robot has moved or turned enough."""
+    """Process a laser scan at a physics step: update the filter if the robot has moved or turned enough."""
     if (
         abs(g.x - g.odom_x) > g.update_distance
         or abs(g.y - g.odom_y) > g.update_distance

@@ -1,6 +1,7 @@
 """Simulated Nav2: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
-Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller.
+Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller. ``p``
+is a record of ``PARAMETERS``, and ``step`` a physics step.
 """
 
 import numpy as np
@@ -56,6 +57,7 @@ def send_goal(g, goal, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def _end(g, result):  # type: ignore[no-untyped-def]
+    """End the current goal with a result (action_msgs/GoalStatus)."""
     g.nav_result = result
     g.nav_result_goal = g.nav_goal
     g.nav_last = result
@@ -67,6 +69,7 @@ def _end(g, result):  # type: ignore[no-untyped-def]
 
 @kernel
 def cancel(g):  # type: ignore[no-untyped-def]
+    """Cancel the current goal and the accepted one."""
     if g.nav_state == ACTIVE:
         _end(g, CANCELED)
     g.nav_next = -1
@@ -74,6 +77,7 @@ def cancel(g):  # type: ignore[no-untyped-def]
 
 @kernel
 def _start_goal(g, bx, by, step):  # type: ignore[no-untyped-def]
+    """Make the accepted goal the current one, from the believed position (bx, by), m."""
     g.nav_goal = g.nav_next
     g.nav_next = -1
     g.nav_state = ACTIVE

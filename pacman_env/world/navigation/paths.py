@@ -124,7 +124,11 @@ class PathFields:
 
 @kernel
 def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-untyped-def]
-    """Write the cells, their numbers, and 1 for cells of weight 1, to three padded images."""
+    """Write cells, numbers, and 1 for cells of weight 1, to the flat images ``picture``, ``number`` and ``light``.
+
+    ``at`` (K,) are the places of the cells in the padded images, ``weight`` (K,) their weights, and ``offset`` (17,)
+    the steps in an image.
+    """
     for place in picture:
         place.cost = place.weight = np.inf
     for k in range(len(at)):
@@ -142,8 +146,9 @@ def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-unt
 def _search(start, places, queue):  # type: ignore[no-untyped-def]
     """Run Dijkstra's algorithm from the goal's place; the result stays in ``places`` for :func:`_read_out`.
 
-    Within a bucket the newest entry comes first; older entries of a settled place are skipped. This order, and trying
-    directions in rising order, decide between equally good paths.
+    ``places`` and ``queue`` are the tuples of :class:`PathFields`. Within a bucket the newest entry comes first; older
+    entries of a settled place are skipped. This order, and trying directions in rising order, decide between equally
+    good paths.
     """
     place, _, offset, length, half, metres_of = places
     head, entry = queue
@@ -204,7 +209,7 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
 
 @kernel
 def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
-    """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places, and clear the places for the next search."""
+    """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places ``at`` (K,), then clear these places."""
     place, number, offset = places[0], places[1], places[2]
     for k in range(len(at)):
         i = np.uintp(at[k])
@@ -220,7 +225,7 @@ def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the length of each step in cells, float32."""
+    """Return the length (S,) of each step (S, 2), columns and rows, in cells, float32."""
     return np.hypot(steps[:, 0], steps[:, 1]).astype(np.float32)
 
 
@@ -246,9 +251,10 @@ LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of e
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return for every cell, in tiles (R, C, 8, 8), a code for the cell three steps further to each of G goals.
+    """Return codes (R, C, 8, 8, G) uint8, by tile and cell: the cell three steps further on the path to each goal.
 
-    The code is ``NO_WAY`` without a path and ``ARRIVED`` at the goal. A step is 0.15 to 0.35 m for cells of 0.05 m.
+    The code is ``NO_WAY`` without a path and ``ARRIVED`` at the goal. Three steps are 0.15 to 0.35 m for cells of 0.05
+    m. ``next_step`` is (G, K), ``cell`` (K, 2) column and row, and ``shape`` rows and columns of the grid.
     """
     rows, columns = (-(-n // TILE) for n in shape)
     result = np.zeros((rows, columns, TILE, TILE, len(next_step)), dtype=np.uint8)
@@ -271,6 +277,7 @@ def tile_index(column, row, across):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill_coarse(next_step, cell, result):  # type: ignore[no-untyped-def]
+    """Write the codes of the cells (K, 2) to ``result`` (R, C, 8, 8, G), where ``next_step`` (G, K) has a path."""
     for k in range(next_step.shape[1]):
         column, row = cell[k]
         for goal in range(next_step.shape[0]):

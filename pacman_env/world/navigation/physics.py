@@ -54,7 +54,7 @@ def clear_cells(
 
 @kernel
 def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
-    """Set ``clear`` to False for cells with a centre within ``reach`` cells of a wall."""
+    """Set ``clear`` (H, W) to False for cells with a centre within ``reach`` cells of a wall (S, 4)."""
     rows, columns = clear.shape
     for x0, y0, x1, y1 in walls:
         ax = affine[0] * x0 + affine[1] * y0 + affine[2]
@@ -79,7 +79,7 @@ def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m:
 
 
 def touched(walls: NDArray[np.float64], x: float, y: float, reach_m: float) -> list[float]:
-    """Return the directions, rad, of walls within ``reach_m`` of a place."""
+    """Return the directions, rad, of walls (S, 4) within ``reach_m`` of a place (x, y), m."""
     from_wall = _from_walls(walls, np.array([[x, y]]))[0]
     near = from_wall[np.hypot(*from_wall.T) <= reach_m]
     return [float(angle) for angle in np.arctan2(-near[:, 1], -near[:, 0])]
@@ -142,7 +142,7 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Enter a free space with the walls of a level and return True, or return False if there is none."""
+    """Let robot i enter a free space with the walls of a level; return False if there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):
@@ -155,6 +155,7 @@ def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
+    """Copy the numbers of the body to a space, a row of the space table, and step it by ``seconds``."""
     store_int(space[_GIVE_COUNT], 0)
     call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
     call_step(calls[_STEP], space[_HANDLE], seconds)
@@ -214,14 +215,14 @@ class Spaces:
         self._levels[k] = level
 
     def leave(self, robots: NDArray[np.int64]) -> None:
-        """Remove robots from their spaces, without any trace of their contacts."""
+        """Remove robots (M,) from their spaces, without any trace of their contacts."""
         for k in self._space_of[robots].tolist():
             if k != _NONE:
                 empty(self.arrays, k, _REMEMBERS, self.step_s)
                 self._owners[k] = _FREE
         self._space_of[robots] = _NONE
 
-    def forget(self, level: int) -> None:
+    def delete_spaces(self, level: int) -> None:
         """Delete the spaces of a level, whose walls will change; no robot may be in them."""
         for k in np.flatnonzero(self._levels == level).tolist():
             self._levels[k], self._spaces[k] = _NONE, None
@@ -303,7 +304,7 @@ class _Space:
         _robot(space, radius_m, mass_kg)
 
     def bind(self, given: NDArray[np.float64], taken: NDArray[np.float64]) -> tuple[int, ...]:
-        """Connect the space to two rows of numbers, and return its row of the space table."""
+        """Connect the space to the rows ``given`` (6,) and ``taken`` (4,), and return its row of the space table."""
         give, give_count = self._batched(_PLACE | pymunk.batch.BodyFields.FORCE, given)
         take, take_count = self._batched(_PLACE, taken)
         return _address(self.space._space), give, give_count, take, take_count

@@ -3,7 +3,8 @@
 The planner follows the static path fields at NavFn's rate, and searches a detour if a moving obstacle (a ghost) is on
 the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5). The
 columns are x, y (m), the distance to keep, which the planner fills in (0: ignored), and the step until which it is no
-obstacle; the planner does not use the last column.
+obstacle; the planner does not use the last column. ``fields`` are :class:`Fields`, ``p`` is a record of ``PARAMETERS``,
+and (bx, by) the believed position, m.
 """
 
 import math
@@ -20,7 +21,7 @@ from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 PATH_POINTS = 64
 _PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next one plus the controller's look-ahead
 _ON_PATH = 0.15  # largest distance in m from the path at which the rest of a plan is kept
-_DETOUR_AHEAD_CM = 200  # a ghost is gone from places farther along the path when the robot gets there
+_DETOUR_AHEAD_CM = 200  # a ghost farther along the path has moved before the robot gets there
 _SEARCH_M2 = 20.0  # largest area to search for a detour
 _SEARCH_CELLS_MAX = 60000
 _PUSHES = 8  # each searched cell pushes at most its neighbours
@@ -41,13 +42,14 @@ class Fields(NamedTuple):
 
 @kernel
 def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
+    """Return the drivable cell nearest to (x, y), m."""
     column, row = cell_of(fields.affine, fields.snap.shape[0], fields.snap.shape[1], x, y)
     return fields.snap[row, column]
 
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
-    """Return True if the static path from ``cell`` to the goal passes the region around the obstacle at (cx, cy)."""
+    """Return True if the static path to the goal passes within ``keepout``, m, of an obstacle at (cx, cy)."""
     cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     distance_cm = math.sqrt(dx * dx + dy * dy) * 100.0
@@ -74,7 +76,7 @@ def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-de
 
 @kernel
 def _follow_field(g, path, count, cell, p, fields):  # type: ignore[no-untyped-def]
-    """Append the static path from ``cell``, up to the written length of a plan, and return the number of points."""
+    """Append the static path from ``cell`` to a plan of ``count`` points, and return the new count."""
     cell_xy, next_step, goal = fields.cell_xy, fields.next_step, g.nav_goal
     enough = int(_PATH_METRES / (1.2 * p.resolution))  # steps are 1 to 2.2 cells long
     last = min(PATH_POINTS - 1, g.nav_at + enough)
@@ -124,6 +126,7 @@ def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArr
 
 @kernel
 def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
+    """Return True if (x, y), m, is too near to an obstacle (G, 5)."""
     for k in range(len(obstacles)):
         dx, dy = x - obstacles[k, 0], y - obstacles[k, 1]
         if dx * dx + dy * dy < obstacles[k, 2] * obstacles[k, 2]:

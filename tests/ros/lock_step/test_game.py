@@ -31,7 +31,7 @@ def played(folder: Path, seed: int, is_slow: bool = False) -> tuple[int, str, li
         game.record(topics.GAME_STATE)
         transcript = Transcript(game.game)
         assert game.call(topics.START_GAME).success
-        game.forget()
+        game.clear()
 
         def is_over() -> bool:
             time.sleep(0.004 * random.random() if is_slow else 0.0)

@@ -24,12 +24,12 @@ def test_game_process_ends_with_its_last_messages(system: System, probe: Probe, 
     setup = GameSetup("house", "clyde_aware", NAMESPACE, True, lock_step=True, settings=shows, extra=extra)
     process = system.run(LOCK_STEP, [sys.executable, "-m", *setup.command(LOCK_STEP)])
     probe.wait_for(lambda: "menu" in probe.values(topics.GAME_STATE), PATIENCE_S, "the menu")
-    probe.forget()
+    probe.clear()
     assert probe.call(topics.START_GAME).success
     probe.wait_for(lambda: "running" in probe.values(topics.GAME_STATE), PATIENCE_S, "the round")
     probe.wait_for(lambda: probe.values(topics.GAME_STATE)[-1] == "menu", PATIENCE_S, "the end of the game")
     assert max(probe.values(topics.SCORE)) > 0
-    probe.forget()
+    probe.clear()
     process.send(signal.SIGINT)
     probe.wait_for(lambda: "disable" in probe.values(topics.GAME_COMMAND), PATIENCE_S, "the referee's last command")
     assert process.wait() == 0
@@ -41,5 +41,5 @@ def test_final_process_is_not_started_again(tmp_path: Path) -> None:
     group = ProcessGroup(lambda name: [name], tmp_path, environment, print, final=("silent",))
     group.start("silent")
     with pytest.raises(Lost, match="silent ended with status 70: goal_selector has not answered"):
-        wait_for(group.tend, "the end")
+        wait_for(group.restart_dead, "the end")
     group.stop()

@@ -46,7 +46,7 @@ def next_pose(nodes: Session, count: int = 1) -> tuple[float, float]:
 
 
 def walked(nodes: Session, seconds: float) -> Any:
-    nodes.forget()
+    nodes.clear()
     nodes.advance(seconds)
     poses = np.array([pose_of(m)[:2] for m in nodes.messages(topics.CLYDE_POSE)])
     return np.hypot(*np.diff(poses, axis=0).T)
@@ -66,7 +66,7 @@ def obstacle(nodes: Session) -> int:
 
 def test_ghost_is_shown_five_times_a_second(nodes: Session) -> None:
     up(nodes)
-    nodes.forget()
+    nodes.clear()
     nodes.advance(2.0)
     assert all(len(nodes.messages(t)) == 10 for t in (topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE))
     stamps = [seconds_of(message.header.stamp) for message in nodes.messages(topics.CLYDE_POSE)]
@@ -104,7 +104,7 @@ def test_ghost_keeps_speed_when_timer_is_late(nodes: Session) -> None:
     nodes.publish(topics.GAME_STATE, "running")
     nodes.advance(1.0)
     assert np.median(walked(nodes, 8 * PERIOD)) == pytest.approx(0.8 * PERIOD, rel=0.01)
-    nodes.forget()
+    nodes.clear()
     for _ in range(8):  # it gets no core for a while, again and again
         member = nodes.member(NAME)
         nodes.freeze(member)

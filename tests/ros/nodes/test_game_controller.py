@@ -153,7 +153,7 @@ def test_referee_stops_robot_before_it_leaves_fault_13(nodes: Session, state_fol
 
 def again(nodes: Session) -> dict[str, Any]:
     """Start another referee; what it says at first."""
-    nodes.forget()
+    nodes.clear()
     up(nodes)
     return {one.topic: one.value for one in nodes.on(*SAID)}
 
@@ -201,7 +201,7 @@ def test_killed_referee_continues_streak_of_caught_ghosts(nodes: Session, state_
     status(nodes, "ghost_caught:1:inky")
     assert (nodes.value(topics.SCORE), nodes.value(topics.GAME_EVENT)) == (25, "inky caught")
     nodes.kill(REFEREE)
-    nodes.forget()
+    nodes.clear()
     up(nodes, "power.pellets=1")
     assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (25, 1)
     status(nodes, "ghost_caught:1:inky")

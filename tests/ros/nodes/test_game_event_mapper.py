@@ -27,7 +27,7 @@ def turns(nodes: Session) -> list[float]:
 
 def test_every_event_gets_its_answer(nodes: Session) -> None:
     for count, (event, answer) in enumerate(FEEDBACK.items(), 1):
-        nodes.forget()
+        nodes.clear()
         nodes.publish(topics.GAME_EVENT, "no such event" if count % 2 else "x" * 1000)
         nodes.publish(topics.GAME_EVENT, f" {event.upper()} ")
         assert answer.light is not None
@@ -69,7 +69,7 @@ def test_reset_stops_motion_and_repeats_prolong_nothing(nodes: Session) -> None:
 
 def test_motion_ends_when_planner_takes_over(nodes: Session) -> None:
     for event, command in (("start theatrical", "enable"), ("death", "return_home")):
-        nodes.forget()
+        nodes.clear()
         nodes.publish(topics.GAME_COMMAND, "disable")
         nodes.publish(topics.GAME_EVENT, event)
         nodes.advance(STAND_S + 0.5)

@@ -78,7 +78,7 @@ def test_node_started_in_game_shows_its_light(nodes: Session, state: str) -> Non
     nodes.start(NAME)
     nodes.advance(3.0)
     assert set(rings(nodes)) == {(ring, True) for ring in LIGHTS["pacman"].rings}
-    nodes.forget()
+    nodes.clear()
     nodes.publish(topics.GAME_STATE, "menu")
     nodes.publish(topics.GAME_STATE, "running")  # later on events say it
     nodes.publish(topics.GAME_LIGHT, "off")

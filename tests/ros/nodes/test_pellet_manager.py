@@ -25,7 +25,7 @@ def shown(nodes: Session) -> dict[int, tuple[float, float]]:
 def test_pellets_are_shown_once_a_second(nodes: Session) -> None:
     up(nodes)
     nodes.advance(4.0)
-    nodes.forget()
+    nodes.clear()
     nodes.advance(3.0)
     rule = generate_pellets(load_map("house"), PelletConfig())
     pellets = shown(nodes)

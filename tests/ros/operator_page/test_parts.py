@@ -16,7 +16,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_page.ros_driving import Wheels
-from pacman_env.ros.operator_page.ros_view import played_by
+from pacman_env.ros.operator_page.ros_view import preset_of
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.control import DEAD_MAN_S
 from pacman_env.web.game import MOST_NEWS, News
@@ -192,7 +192,7 @@ def test_configuration_is_described_by_preset_and_differences() -> None:
     def text(*arguments: Any, **fields: Any) -> str:
         return json.dumps(make_config(*arguments, **fields).as_dict())
 
-    assert played_by(text("robot")) == ("robot", {})
-    assert played_by(text("ideal", "as_built")) == ("ideal, as_built", {})
-    assert played_by(text("robot", **{"clyde.speed_mps": 0.1})) == ("robot", {"clyde.speed_mps": 0.1})
-    assert played_by('{"of": "another version"}')[0] in ("", "robot", "ideal", "robot, as_built", "ideal, as_built")
+    assert preset_of(text("robot")) == ("robot", {})
+    assert preset_of(text("ideal", "as_built")) == ("ideal, as_built", {})
+    assert preset_of(text("robot", **{"clyde.speed_mps": 0.1})) == ("robot", {"clyde.speed_mps": 0.1})
+    assert preset_of('{"of": "another version"}')[0] in ("", "robot", "ideal", "robot, as_built", "ideal, as_built")

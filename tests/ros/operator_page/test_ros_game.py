@@ -91,7 +91,7 @@ def test_stop_acts_at_once_and_repeatedly(game: PageGame) -> None:
         return float(game.wait(still, f"a velocity of zero on {topic.name}"))
 
     game.round()
-    game.session.forget()
+    game.session.clear()
     began_s = game.session.now_s
     game.stop()
     assert first_still_s(topics.CMD_VEL) == began_s

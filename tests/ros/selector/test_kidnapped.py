@@ -66,7 +66,7 @@ def test_jump_outlives_killed_goal_selector(played: Played) -> None:
     def restart() -> None:
         """Kill the node, and wait for the one that is started in its place."""
         nodes.game.kill("goal_selector")
-        nodes.forget(topics.DIAGNOSTICS)
+        nodes.clear(topics.DIAGNOSTICS)
         nodes.wait_for(lambda: nodes.values(topics.DIAGNOSTICS), 30, "the node")
 
     carry(played)

@@ -88,7 +88,7 @@ def test_nothing_drives_at_rest_after_lost_acceptance(nodes: Session, monkeypatc
     nav2, (_, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
     assert nav2.running()
-    assert do("rest").done()
+    assert do("finish").done()
     assert not nav2.running()
 
 

@@ -110,7 +110,7 @@ def test_robot_carried_while_lost_has_jumped(robot: Robot) -> None:
 
 
 def test_jump_to_given_pose_is_expected(robot: Robot) -> None:
-    robot.watch.give((5.0, 5.0, 0.0))
+    robot.watch.expect_jump_to((5.0, 5.0, 0.0))
     robot.drive(2.0)  # before localization follows
     robot.correction = (3.5, 5.0, 0.0)
     robot.drive(1.0)
@@ -123,7 +123,7 @@ def test_jump_to_given_pose_is_expected(robot: Robot) -> None:
 def test_given_pose_ends_jump_once_localization_agrees(robot: Robot) -> None:
     robot.correction = (3.0, 0.0, 0.0)
     robot.step()
-    robot.watch.give((1.5, 2.0, 0.0))
+    robot.watch.expect_jump_to((1.5, 2.0, 0.0))
     robot.step()
     assert robot.watch.jump, "localization has not followed yet"
     robot.correction = (0.1, 1.9, 0.05)
@@ -134,7 +134,7 @@ def test_given_pose_ends_jump_once_localization_agrees(robot: Robot) -> None:
 
 
 def test_pose_given_before_jump_does_not_answer_it(robot: Robot) -> None:
-    robot.watch.give((1.5, 0.0, 0.0))
+    robot.watch.expect_jump_to((1.5, 0.0, 0.0))
     robot.correction = (3.0, 0.0, 0.0)
     robot.step()
     assert robot.watch.jump

@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
-from pacman_env.ros.selector.rehearsal import rehearsed
+from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level import COARSE_MAP
 from pacman_env.sim.observation.robot_view import RobotView
@@ -19,9 +19,9 @@ def test_rehearsal_prepares_map_that_predicts_chase() -> None:
     """Its kernels take half a minute to compile, in which a game would stand still."""
     config = make_config("robot")
     view = RobotView(map_assets("house", config), config)
-    (level,) = maps_of(view.rehearsal()).levels(np.array([0]))
+    (level,) = maps_of(view.sample_situation()).levels(np.array([0]))
     assert level.find(COARSE_MAP) is None
-    rehearsed(make_policy("ppo"), view, config)
+    rehearse(make_policy("ppo"), view, config)
     assert level.find(COARSE_MAP) is not None
 
 
@@ -34,6 +34,6 @@ def ticking(first_s: float, later_s: float) -> Callable[[], float]:
 def test_policy_that_is_always_slow_is_refused() -> None:
     config = make_config("robot")
     view, policy = RobotView(map_assets("house", config), config), make_policy("nearest")
-    assert rehearsed(policy, view, config, ticking(60.0, 0.5)) is policy
+    assert rehearse(policy, view, config, ticking(60.0, 0.5)) is policy
     with pytest.raises(ValueError, match=r"'?nearest'?: needs 3\.0 s"):
-        rehearsed(policy, view, config, ticking(60.0, 3.0))
+        rehearse(policy, view, config, ticking(60.0, 3.0))

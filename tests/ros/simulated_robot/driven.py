@@ -113,7 +113,7 @@ class Robot(Session):
 
     def fault(self, text: str, now: list[str]) -> None:
         """Say to ``sim/fault``; those faults are there then."""
-        self.forget()
+        self.clear()
         self.publish(FAULT, text)
         assert [json.loads(words) for words in self.values(FAULTS_NOW)] == [now]
         self.advance(0.05)

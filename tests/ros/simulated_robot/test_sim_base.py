@@ -27,7 +27,7 @@ def base(make_robot: Make) -> Robot:
 def test_odometry_comes_at_requested_rate(make_robot: Make, asked_hz: int, hz: int) -> None:
     robot = make_robot(**BASE, odometry_hz=asked_hz)
     robot.record(topics.CLOCK)
-    robot.forget()
+    robot.clear()
     robot.advance(2.0)
     for topic in (topics.CLOCK, topics.ODOMETRY, topics.TF):
         assert len(robot.messages(topic)) == 2 * hz
@@ -60,22 +60,22 @@ def test_bumper_and_backup_limit_are_hazards(base: Robot) -> None:
     base.drive(-0.2, 0.0, 0.5)
     assert base.hazards() == {("base_link", irobot.HazardDetection.BACKUP_LIMIT)}
     base.advance(1.0)
-    base.forget()
+    base.clear()
     base.drive(0.0, 1.5, math.pi / 2 / 1.5)
     base.drive(0.3, 0.0, 3.0)
     assert base.hazards() == set()
     base.drive(0.3, 0.0, 4.0)
     assert base.hazards() == {("bump_front_center", irobot.HazardDetection.BUMP)}
-    base.forget()
+    base.clear()
     base.drive(0.0, 1.5, math.radians(25.0) / 1.5)
-    base.forget()
+    base.clear()
     base.drive(0.3, 0.0, 0.5)
     assert base.hazards() == {("bump_front_right", irobot.HazardDetection.BUMP)}
 
 
 def test_docked_robot_undocks_and_docks_again(make_robot: Make, log: Callable[[], str]) -> None:
     base = make_robot(**BASE, settings=EXACT, dock="home")
-    base.forget(topics.SCAN)
+    base.clear(topics.SCAN)
     base.advance(2.0)
     status = base.last(topics.DOCK_STATUS)
     assert (status.is_docked, status.dock_visible) == (True, True)
@@ -116,7 +116,7 @@ def test_slow_docking_is_aborted_and_docking_cancelled(make_robot: Make) -> None
 
 def test_battery_empties_and_charges_on_dock(make_robot: Make) -> None:
     base = make_robot(**BASE, settings=EXACT, charge=0.5)
-    base.forget()
+    base.clear()
     base.advance(10.0)
     charges = [message.percentage for message in base.messages(topics.BATTERY_STATE)]
     assert len(charges) == 10
@@ -124,7 +124,7 @@ def test_battery_empties_and_charges_on_dock(make_robot: Make) -> None:
     assert base.last(topics.BATTERY_STATE).current < 0.0
     base.kill("sim_robot")
     docked = make_robot(**BASE, settings=EXACT, dock="home", charge=0.5)
-    docked.forget()
+    docked.clear()
     docked.advance(10.0)
     charges = [message.percentage for message in docked.messages(topics.BATTERY_STATE)]
     assert charges[-1] - charges[0] == pytest.approx(9.0 * 1.2658e-4, rel=0.01)
@@ -151,7 +151,7 @@ def test_real_amcl_gets_true_pose_until_it_publishes(make_robot: Make) -> None:
     assert pose_of(given[0]) == (0.0, 0.0, 0.0)
     assert given[0].pose.covariance[0] > 0.0
     base.within(lambda: amcl.publish(given[0]))
-    base.forget()
+    base.clear()
     base.advance(3.0)
     assert base.messages(topics.INITIAL_POSE) == []
     base.observer.destroy_publisher(amcl)

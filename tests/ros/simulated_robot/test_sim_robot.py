@@ -36,7 +36,7 @@ def test_robot_drives_to_goal_and_amcl_falls_silent(robot: Robot) -> None:
     assert len(poses) >= 15  # 5 m and some turns, one every 0.25 m
     assert poses[-1][:2] == pytest.approx(robot.place(), abs=0.5)
     robot.advance(1.0)
-    robot.forget()
+    robot.clear()
     robot.advance(5.0)
     assert len(robot.messages(topics.ODOMETRY)) == 100
     assert robot.messages(topics.AMCL_POSE) == []
@@ -175,7 +175,7 @@ def test_lights_and_notes_are_shown(robot: Robot, log: Callable[[], str]) -> Non
 
 def test_real_time_has_no_clock(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
     robot = make_robot(use_sim_time=False)
-    robot.forget()
+    robot.clear()
     robot.advance(1.5)
     stamps = [seconds_of(message.header.stamp) for message in robot.messages(topics.ODOMETRY)]
     assert len(stamps) == 30

@@ -67,7 +67,7 @@ def test_fault_pose_lost(robot: Robot) -> None:
     robot.fault("pose_lost", ["pose_lost"])
     status, result = goal.end()
     assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
-    robot.forget()
+    robot.clear()
     robot.advance(1.0)
     assert [len(m.transforms) for m in robot.messages(topics.TF)] == [1] * 20  # of odom
     assert robot.messages(topics.AMCL_POSE) == []
@@ -125,7 +125,7 @@ def test_fault_base_silent(make_robot: Callable[..., Robot], alone: bool) -> Non
     robot = make_robot(**({"navigation": False} if alone else {}))
     of_base = (topics.ODOMETRY, topics.TF, *((topics.BATTERY_STATE, topics.DOCK_STATUS) if alone else ()))
     robot.fault("base_silent", ["base_silent"])
-    robot.forget()
+    robot.clear()
     robot.publish(topics.CMD_VEL, twist_message(0.2, 0.0, robot.stamp()))
     robot.advance(3.0)
     assert [robot.messages(topic) for topic in of_base] == [[]] * len(of_base)

@@ -145,7 +145,7 @@ def quit_in_order(game: Game) -> None:
     """Press q: what moves the robot ends first, the ring is given back, and every process is gone."""
     terminal, probe = game.terminal, game.probe
     game.in_menu()
-    probe.forget()
+    probe.clear()
     terminal.press("q")
     probe.wait_for(lambda: terminal.process.poll() is not None, PATIENCE_S, "the end")
     assert terminal.end() == 0, terminal.lines[-20:]

@@ -104,7 +104,7 @@ def group(folder: Path, environment: dict[str, str], said: list[str]) -> Iterato
 
 def ready(group: ProcessGroup, *names: str) -> None:
     for name in names:
-        wait_for(lambda name=name: group.last_words(name).startswith("ready"), f"{name} ready")
+        wait_for(lambda name=name: group.reason_of_end(name).startswith("ready"), f"{name} ready")
 
 
 def test_nodes_stop_in_order(group: ProcessGroup, folder: Path) -> None:
@@ -145,7 +145,7 @@ def test_frozen_node_is_started_again(group: ProcessGroup, said: list[str]) -> N
     os.kill(first["beats"], signal.SIGSTOP)
     wait_for(lambda: group.restart_frozen() == ["beats"], "the freeze is seen")
     assert said == ["beats is started again: it is frozen, no heartbeat for 2 s"]
-    wait_for(lambda: group.tend() == [] and group.ids().items() - first.items(), "another process")
+    wait_for(lambda: group.restart_dead() == [] and group.ids().items() - first.items(), "another process")
 
 
 def test_frozen_node_is_killed_after_halt(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,11 +164,11 @@ def test_dead_node_is_started_again_with_reason(group: ProcessGroup, folder: Pat
     ready(group, "first")
     first = group.ids()
     os.kill(first["first"], signal.SIGKILL)
-    wait_for(lambda: group.tend() == ["first"], "the death is seen")
+    wait_for(lambda: group.restart_dead() == ["first"], "the death is seen")
     assert said == [f"first was killed (SIGKILL), its log is {folder / 'first.log'}; again at once"], (
         "ready is no reason"
     )
-    wait_for(lambda: group.tend() == [] and group.ids().items() - first.items(), "started again")
+    wait_for(lambda: group.restart_dead() == [] and group.ids().items() - first.items(), "started again")
 
 
 def test_dying_node_is_given_up(group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,7 +177,7 @@ def test_dying_node_is_given_up(group: ProcessGroup, said: list[str], monkeypatc
     group.start("dies")
 
     def tend_for_ever() -> None:
-        wait_for(lambda: group.tend() and False, "it is given up")
+        wait_for(lambda: group.restart_dead() and False, "it is given up")
 
     with pytest.raises(
         Lost, match="dies died 5 times within 300 s, at last it ended with status 1: RuntimeError: out of luck"
@@ -189,23 +189,23 @@ def test_dying_node_is_given_up(group: ProcessGroup, said: list[str], monkeypatc
 def test_reason_of_death_is_of_same_life(group: ProcessGroup, folder: Path, said: list[str]) -> None:
     """Its first life ends with an error in its log, the second with no word."""
     group.start("twice")
-    wait_for(lambda: group.tend() == ["twice"], "the first death")
+    wait_for(lambda: group.restart_dead() == ["twice"], "the first death")
     log = folder / "twice.log"
     assert said == [f"twice was killed (SIGSEGV): Fatal Python error: Segmentation fault ({log}); again at once"]
-    wait_for(lambda: group.tend() == ["twice"], "the second death")
+    wait_for(lambda: group.restart_dead() == ["twice"], "the second death")
     assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
 
 
 def test_reason_of_end_is_no_place(group: ProcessGroup, folder: Path, said: list[str]) -> None:
     group.start("says_place")
-    wait_for(lambda: group.tend() == ["says_place"], "its end")
+    wait_for(lambda: group.restart_dead() == ["says_place"], "its end")
     assert f"status 3: [FATAL] [1.0]: out of luck ({folder / 'says_place.log'})" in said[0]
 
 
 def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
     group.start("refuses")
     with pytest.raises(Lost, match="refuses does not start: no such map"):
-        wait_for(lambda: group.tend() and False, "it is given up")
+        wait_for(lambda: group.restart_dead() and False, "it is given up")
     assert said == []
 
 
@@ -213,20 +213,20 @@ def test_spare_node_is_given_up(group: ProcessGroup, folder: Path, said: list[st
     group.start("first")
     group.start("spare")
     ready(group, "first")
-    wait_for(lambda: group.tend() == ["spare"], "its end")
+    wait_for(lambda: group.restart_dead() == ["spare"], "its end")
     assert said == [
         f"spare does not start: no such map ({folder / 'spare.log'}); it is given up, the other nodes continue"
     ]
-    assert group.tend() == []
+    assert group.restart_dead() == []
     assert group.stop() == []
 
 
 def test_finished_node_can_be_dismissed(group: ProcessGroup) -> None:
     group.start("done")
     wait_for(lambda: group.status("done") == 0, "done")
-    group.dismiss("done")
+    group.remove("done")
     assert "done" not in group
-    assert group.tend() == []
+    assert group.restart_dead() == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
@@ -266,7 +266,7 @@ def test_unresponsive_process_is_restarted_with_limits(
         before = group.ids()
         group.restart("stubborn", "no answer")
         assert said.count("stubborn is started again: no answer") == count
-        wait_for(lambda before=before: group.tend() == [] and group.ids().items() - before.items(), "another process")
+        wait_for(lambda old=before: group.restart_dead() == [] and group.ids().items() - old.items(), "another process")
     assert not any("was killed" in line for line in said)  # one line says it all
     last = group.ids()
     for _ in range(2):

@@ -94,18 +94,18 @@ def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pyt
         with StatusLine(setup.namespace, setup.sim) as status_line, GameLock(*place) as lock, GameLock(*place) as other:
             monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
             writer = EndsOther(nodes.game.close)
-            up_module.be_alone(status_line, lock, writer, stop)
+            up_module.wait_for_other_games(status_line, lock, writer, stop)
             assert writer.shown == "waiting for another game in /robot_15 to end"
             lock.__exit__()
 
             monkeypatch.setattr(up_module, "DISCOVERY_S", 0.0)
             assert other.acquire() == ""  # of a game whose nodes are not there yet, or not any more
             writer = EndsOther(other.__exit__)
-            up_module.be_alone(status_line, lock, writer, stop)
+            up_module.wait_for_other_games(status_line, lock, writer, stop)
             assert writer.shown == "waiting for another game in /robot_15 to end"
             monkeypatch.setattr(up_module, "GOING_S", 0.0)
             with pytest.raises(ValueError, match="a game is in /robot_15 already: another ros up on this machine"):
-                up_module.be_alone(status_line, other, writer, stop)
+                up_module.wait_for_other_games(status_line, other, writer, stop)
 
 
 UP = ["up", "--map", "house", "--policy", "nearest"]

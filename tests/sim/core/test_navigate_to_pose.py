@@ -170,7 +170,7 @@ def test_requested_abort_comes_after_its_delay() -> None:
 def test_leaving_server_stops_robot_and_reports_no_result() -> None:
     navigation = under_way(2.0)
     navigation.send(B, *RIGHT)
-    navigation.forget()
+    navigation.drop_goals()
     assert steps(navigation, 1.0) == []
     assert navigation.active == ()
     assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -26,7 +26,7 @@ def fine(**changes: object) -> Config:
 
 
 @pytest.fixture
-def forget(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
+def clear_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     """Nothing is kept on disk; a function that empties the memory of the process, too."""
 
     def empty() -> None:
@@ -60,7 +60,7 @@ def test_assets_are_shared_by_equal_map_settings() -> None:
 
 
 def test_path_fields_are_read_back_from_disk(
-    forget: Callable[[], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    clear_memory: Callable[[], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed = map_assets(sealed_rooms(), fine())
     assert len(list(tmp_path.glob("maps/*/*.npy"))) == 2
@@ -68,7 +68,7 @@ def test_path_fields_are_read_back_from_disk(
     copied = map_assets(tmp_path / "copy.yaml", fine())
     assert copied.length_cm is computed.length_cm
     assert (computed.occupancy.name, copied.occupancy.name) == (sealed_rooms().name, "copy")
-    forget()
+    clear_memory()
     monkeypatch.setattr(module, "path_fields", None)  # nothing may be computed now
     loaded = map_assets(sealed_rooms(), fine())
     assert loaded is not computed
@@ -83,7 +83,7 @@ def everything(assets: MapAssets) -> dict[str, np.ndarray]:
     return {name: np.asarray(value) for name, value in fields.items() if not hasattr(value, "__dict__")}
 
 
-def test_prepared_map_has_same_bits_uncached(forget: Callable[[], None], tmp_path: Path) -> None:
+def test_prepared_map_has_same_bits_uncached(clear_memory: Callable[[], None], tmp_path: Path) -> None:
     prepared = prepare_map(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))
     assert not (tmp_path / "maps").exists()
     kept = map_assets(sealed_rooms(), fine(), home=(0.5, 0.5, 0.0))

@@ -229,7 +229,7 @@ def test_candidates_have_places_on_the_map() -> None:
 
 def test_rehearsal_leaves_nothing_behind() -> None:
     game = RobotView(house().assets, make_config("robot"))
-    rehearsed = game.rehearsal()
+    rehearsed = game.sample_situation()
     assert rehearsed.mask.all()
     assert game.unseen == ["clyde"]
     with pytest.raises(ValueError, match="clyde has not been seen yet"):

@@ -191,7 +191,7 @@ def _check_pose(robot: Observations) -> Finding:
 
 
 def _check_base_tf(robot: Observations) -> Finding:
-    frames, ages = _climb(robot, "base_link", "map")
+    frames, ages = _frames_up_to(robot, "base_link", "map")
     if frames[-1] != "map":
         summary = _no_parent(robot, LINKS, frames[-1])
         return robot.not_yet(summary, *_transform_remedy(robot, frames[-1]))
@@ -217,14 +217,14 @@ def _transform_remedy(robot: Observations, child: str, stale: bool = False) -> t
 
 def _check_lidar_tf(robot: Observations) -> Finding:
     scans = robot.get(SCANS)
-    frames, _ = _climb(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
+    frames, _ = _frames_up_to(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
     if frames[-1] == "base_link":
         return Finding.ok(" > ".join(reversed(frames)))
     remedy = "the robot's description is not published; on the robot"
     return robot.not_yet(_no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
 
 
-def _climb(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
+def _frames_up_to(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
     """Return the frames up to ``top`` or the last known parent, and the ages (s) of non-static links, by child."""
     static, dynamic = robot.get(STATIC_LINKS), robot.get(LINKS)
     links = {**(static or {}), **(dynamic or {})}
