@@ -1,7 +1,7 @@
 """Compile kernels that other kernels call: type and lower them once per process, but optimize only their callers.
 
-All kernels are inlined, so machine code of callees, Python wrappers and cache files would be useless. With them, a
-first start takes 1.6 of the processor time (0.24.0, two cores).
+All kernels are inlined, so machine code of callees, Python wrappers and cache files would be useless
+(``benchmarks/history.md``: what that saves).
 """
 
 import contextlib
@@ -67,10 +67,7 @@ class Callee:
 
 @contextlib.contextmanager
 def quick_compilation(context: Any) -> Iterator[None]:
-    """Compile without collecting garbage, and look up the types of a call once for equal arguments.
-
-    Without the first, a first start takes 1.1 of the processor time, without the second 1.15 (0.24.0).
-    """
+    """Compile without collecting garbage, and look up the types of a call once for equal arguments."""
     resolve = context.resolve_function_type
     if "resolve_function_type" in vars(context):  # an outer kernel is being compiled
         yield

@@ -23,11 +23,18 @@ def begin() -> subprocess.Popen[bytes] | None:
     begun = mark("compiled-ahead")
     if begun is None or begun.exists() or cores() < 2 or not sys.executable:
         return None
-    begun.touch()
     path = os.pathsep.join(filter(None, [_ROOT, os.environ.get("PYTHONPATH")]))
-    command = [sys.executable, "-m", __name__, str(os.getpid())]
-    nowhere = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    other = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, **nowhere)
+    try:
+        begun.touch(exist_ok=False)
+        other = subprocess.Popen(
+            [sys.executable, "-m", __name__, str(os.getpid())],
+            env={**os.environ, "PYTHONPATH": path},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+    except OSError:  # another process was quicker, or none can be started
+        return None
     atexit.register(_end, os.getpid(), other)
     return other
 
