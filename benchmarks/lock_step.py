@@ -35,7 +35,7 @@ def play(map_source: str, policy: str, seed: int, games: int) -> list[Game]:
     from pacman_env.ros import topics
     from pacman_env.ros.discovery import stay_on_this_machine
     from pacman_env.ros.game_nodes import REFEREE, GameSetup
-    from pacman_env.ros.lock_step.game import LockStepGame
+    from pacman_env.ros.lock_step.lock_step_game import LockStepGame
     from pacman_env.ros.node import BaseNode
 
     class Spectator(BaseNode):

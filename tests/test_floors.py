@@ -221,7 +221,7 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
             "import pacman_env; [getattr(pacman_env, name) for name in pacman_env.__all__]",
             *("", "torch stable_baselines3 matplotlib pygame rclpy starlette"),
         ),
-        ("import pacman_env.ros.supervisor.warm_up", "", "rclpy torch"),  # for `warm-up --robot` without ROS
+        ("import pacman_env.ros.supervisor.prepare_game", "", "rclpy torch"),  # for `warm-up --robot` without ROS
     ],
 )
 def test_import_loads_no_unneeded_library(code: str, said: str, unneeded: str) -> None:

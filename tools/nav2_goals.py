@@ -30,7 +30,7 @@ from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
 from pacman_env.ros.game_nodes import SIMULATOR, GameSetup, full_namespace
-from pacman_env.ros.messages import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
+from pacman_env.ros.message_conversion import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.selector.navigation_client import NavigationClient

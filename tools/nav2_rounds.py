@@ -25,7 +25,7 @@ from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join, provide_log_folder
 from pacman_env.ros.game_nodes import NAMESPACE, full_namespace
-from pacman_env.ros.messages import pose_of, seconds_of
+from pacman_env.ros.message_conversion import pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.world.maps.occupancy import map_name
 

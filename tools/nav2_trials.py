@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.ros.messages import Pose
+from pacman_env.ros.message_conversion import Pose
 from pacman_env.world.maps.occupancy import OccupancyMap
 from pacman_env.world.navigation.grid import build_grid
 from pacman_env.world.navigation.localization import wrap

@@ -12,7 +12,7 @@ from pathlib import Path
 import optuna
 import yaml
 
-from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
+from pacman_env.training.run_arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
 from pacman_env.training.train import train
 
 

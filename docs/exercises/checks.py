@@ -16,7 +16,7 @@ from pacman_env import HOLD, OUTCOMES, PELLET, BasePolicy, PacManBotVectorEnv, S
 from pacman_env.episodes.rollout import episode_seeds, open_games, play_in
 from pacman_env.episodes.statistics import paired_difference
 from pacman_env.evaluation.rounds.scenarios import open_scenario
-from pacman_env.policies.asking import choose, scores
+from pacman_env.policies.policy_calls import choose, scores
 
 EVALUATE = Path(__file__).resolve().parents[1] / "examples" / "clients" / "evaluate.py"
 CONFIG = make_config()

@@ -25,7 +25,7 @@ import numpy as np
 from pacman_env import BasePolicy, Situation, make_config
 from pacman_env.episodes.rollout import open_games
 from pacman_env.evaluation.rounds.scenarios import open_scenario
-from pacman_env.policies.asking import PolicyError, choose, reset, scores
+from pacman_env.policies.policy_calls import PolicyError, choose, reset, scores
 
 MAP = "house"
 LENGTHS = struct.Struct("<QQ")  # bytes of the object and of the arrays

@@ -17,7 +17,7 @@ from pathlib import Path
 from checks import TASKS, TOTAL, task_6
 from student import Missed, Student
 
-from pacman_env.policies.asking import PolicyError
+from pacman_env.policies.policy_calls import PolicyError
 
 FOLDER = Path(__file__).resolve().parent
 LIMIT_S = 180.0  # of a task

@@ -102,7 +102,7 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
 
 
 def _every_argument() -> None:
-    from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
+    from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
     from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
 
     kinds = tuple(BUILT_IN_KINDS)
@@ -119,7 +119,7 @@ def _policies() -> None:
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.policies.registry import make_policy, policy_names
-    from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES
+    from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
 
     env = PacManBotEnv(settings=_SHORT, ghosts=BEHAVIOUR_NAMES)  # search compiles nothing if all ghosts wander
     env.reset(seed=0)
@@ -145,7 +145,7 @@ def _robot() -> None:
     from pacman_env.policies.registry import policy_names
     from pacman_env.ros.game_nodes import GameSetup
     from pacman_env.ros.supervisor.preparation import jobs
-    from pacman_env.ros.supervisor.warm_up import prepare
+    from pacman_env.ros.supervisor.prepare_game import prepare
 
     for policy in policy_names():
         setup = GameSetup("house", policy, sim=True)

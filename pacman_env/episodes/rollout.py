@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.game.execution import COMPLETE, RUNNING
-from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets

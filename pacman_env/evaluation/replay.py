@@ -27,8 +27,8 @@ from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.goals import goal_name
-from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES
+from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
 from pacman_env.sim.maps.level_source import LevelSource

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from typing import Any
 
-from .base import Executor
+from .executor import Executor
 
 
 @contextlib.contextmanager

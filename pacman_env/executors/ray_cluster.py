@@ -11,7 +11,7 @@ from pacman_env import __version__
 from pacman_env.config.validation import located
 from pacman_env.engine.cache_folder import package_hash
 
-from .base import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed, attempt
+from .executor import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed, attempt
 
 _ANSWER_S = 5.0  # within which a cluster answers
 

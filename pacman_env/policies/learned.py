@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config.validation import located
-from pacman_env.policies.asking import PolicyError
 from pacman_env.policies.base import BasePolicy, Explanation
 from pacman_env.policies.metadata import read_planner
+from pacman_env.policies.policy_calls import PolicyError
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.policies.base import BasePolicy, Policy
-from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice
+from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES, behaviour_choice
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.observation.situation import Situation
 

@@ -6,9 +6,9 @@ from typing import Any
 from pacman_env.config import ConfigError
 from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
-from pacman_env.policies.asking import what_users_raise
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
+from pacman_env.policies.policy_calls import what_users_raise
 
 _FILE = ".onnx"
 #: Policy of a ghost, trained against a planner (docs/adversary.md); therefore not among the listed policies.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.ros import topics
-from pacman_env.ros.messages import (
+from pacman_env.ros.message_conversion import (
     LONGEST_WORD,
     BadMessage,
     Pose,

@@ -34,7 +34,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
 from .game_nodes import QUIET
 from .heartbeat import HEART, LONG_S
-from .messages import LONGEST_JSON, BadMessage, started
+from .message_conversion import LONGEST_JSON, BadMessage, started
 from .rclpy_private import accept_integers
 from .standstill import STOOD_STILL, Standstill, lease_s
 from .surroundings import current

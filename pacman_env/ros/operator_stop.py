@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from .messages import BadMessage
+from .message_conversion import BadMessage
 from .surroundings import current
 from .topics import OPERATOR_STOP
 

@@ -129,7 +129,7 @@ HARMLESS_GHOSTS = Topic("game/harmless_ghosts", "std_msgs/Float64MultiArray", LA
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
-#: JSON: nodes that do not respond to the referee, and its request (``game/requests.py``).
+#: JSON: nodes that do not respond to the referee, and its request (``game/pending_requests.py``).
 UNRESPONSIVE = Topic("game/unresponsive", "std_msgs/String", LATCHED)
 
 #: JSON: whether the operator has stopped the robot, who did and when (``operator_stop.py``).

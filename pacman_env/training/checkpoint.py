@@ -22,7 +22,7 @@ from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, read
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.network import FORBIDDEN, EntityNetwork
+from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 
 _PREFIX = "network."  # prefix of the weights' names
 

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from pacman_env.executors.base import Executor
+from pacman_env.executors.executor import Executor
 from pacman_env.training import fragments
 from pacman_env.training.fragments import Fragment, How, RunningPart, use_device
-from pacman_env.training.games import Part, PlannerPart
 from pacman_env.training.learnability import LevelCounts
-from pacman_env.training.network import EntityNetwork
+from pacman_env.training.planner_network import EntityNetwork
+from pacman_env.training.training_games import Part, PlannerPart
 
 
 class Collector:

@@ -27,7 +27,7 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path, read_planner
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
-from pacman_env.training.network import FORBIDDEN, EntityNetwork
+from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 
 OPSET, IR_VERSION = 17, 8  # supported by onnxruntime 1.13 and newer
 TOLERANCE = 1e-5  # largest difference between torch and the file

@@ -14,8 +14,8 @@ import torch
 from numpy.typing import NDArray
 
 from pacman_env.sb3 import Observation
-from pacman_env.training.games import Ending, Part, PlannerGames
-from pacman_env.training.network import EntityNetwork, PackedSituations, joined
+from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined
+from pacman_env.training.training_games import Ending, Part, PlannerGames
 
 #: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds, play_in
-from pacman_env.executors.base import Executor
+from pacman_env.executors.executor import Executor
 from pacman_env.game.execution import COMPLETE
 from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
-from pacman_env.training.arguments import Arguments
 from pacman_env.training.fragments import use_device
-from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_settings
 from pacman_env.training.lineups import LEARNED, behaviours
+from pacman_env.training.run_arguments import Arguments
+from pacman_env.training.training_games import VALIDATION_LEVEL, game_config, lineup_settings
 
 _HELD_OUT = 128  # number of levels for validation, and for the report
 _ROUNDS = 64  # rounds of a task; another number would change the rounding of network sums

@@ -15,16 +15,16 @@ import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from pacman_env.executors.base import Executor
+from pacman_env.executors.executor import Executor
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
-from pacman_env.training.arguments import Arguments
 from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.games import facts_of, make_ghost_parts
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO
+from pacman_env.training.run_arguments import Arguments
+from pacman_env.training.training_games import facts_of, make_ghost_parts
 
 _GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each per rollout
 _RATE = 1e-3, 1e-4  # Clyde's first and last learning rate

@@ -22,11 +22,11 @@ from stable_baselines3.common.utils import explained_variance
 
 from pacman_env.engine.cores import cores
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.training.arguments import Hyperparameters
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, check
-from pacman_env.training.games import Ending
-from pacman_env.training.network import EntityNetwork, PackedSituations, joined
+from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined
+from pacman_env.training.run_arguments import Hyperparameters
+from pacman_env.training.training_games import Ending
 
 #: Maps the rows of a chunk to its part of the minibatch's loss and of the metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]

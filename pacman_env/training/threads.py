@@ -4,7 +4,7 @@ from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 
 from pacman_env.engine.cores import cores
-from pacman_env.executors.base import Done, InProcess, Result, Task, attempt
+from pacman_env.executors.executor import Done, InProcess, Result, Task, attempt
 
 
 class InThreads(InProcess):

@@ -24,19 +24,19 @@ from tqdm import tqdm
 from pacman_env.command_line.command import Parser, guarded
 from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.executors.base import Executor
+from pacman_env.executors.executor import Executor
 from pacman_env.policies.base import Policy
 from pacman_env.training import checkpoint
-from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner
 from pacman_env.training.fragments import use_device
-from pacman_env.training.games import clyde_limit, dropped, game_config, make_parts
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import teacher_name
 from pacman_env.training.ppo import PPO, imitate
-from pacman_env.training.run import Run
+from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.run_folder import Run
 from pacman_env.training.threads import InThreads
+from pacman_env.training.training_games import clyde_limit, dropped, game_config, make_parts
 
 T = TypeVar("T")
 AfterSegment = Callable[[dict[str, Any]], None]

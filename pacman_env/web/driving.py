@@ -3,10 +3,10 @@
 import time
 
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.web import messages
-from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles, ghost_role
-from pacman_env.web.game import Refused
+from pacman_env.web import page_messages
+from pacman_env.web.game_interface import Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
+from pacman_env.web.roles import DEAD_MAN_S, ROBOT, Roles, ghost_role
 
 
 class Driving:
@@ -31,7 +31,7 @@ class Driving:
         self.roles.require(person, ROBOT)
         self.hand = (v, omega, time.monotonic())
 
-    def choose(self, person: str, goal: messages.Goal, played: PlayedRound) -> None:
+    def choose(self, person: str, goal: page_messages.Goal, played: PlayedRound) -> None:
         role = self.roles.of(person)
         if role is None:
             raise Refused("choose a role in the tab Play first")
@@ -57,7 +57,7 @@ class Driving:
         return orders
 
 
-def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
+def _robot_goal(goal: page_messages.Goal, played: PlayedRound) -> int | None:
     """Return the robot's candidate, or None to hold. Raises Refused for a goal without a candidate nearby."""
     candidate = goal.candidate
     if candidate is None:
@@ -69,7 +69,7 @@ def _robot_goal(goal: messages.Goal, played: PlayedRound) -> int | None:
     return None if candidate in (-1, played.hold) else candidate
 
 
-def _ghost_goal(number: int, goal: messages.Goal, played: PlayedRound) -> int | None:
+def _ghost_goal(number: int, goal: page_messages.Goal, played: PlayedRound) -> int | None:
     """Return a ghost's cell, FOLLOW, or None for its configured behaviour. Raises Refused for an unsuitable goal."""
     if number not in played.ghost_roles:
         raise Refused(f"{GHOST_NAMES[number].capitalize()} is yours from the next round on")

@@ -16,12 +16,12 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
 from pacman_env.game.power import frightened_s
 from pacman_env.game.round import Action, RoundController, begins_in_s
-from pacman_env.web import messages
-from pacman_env.web.control import ROBOT
+from pacman_env.web import page_messages
 from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import IN_PROGRESS, News, Refused
+from pacman_env.web.game_interface import IN_PROGRESS, News, Refused
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
+from pacman_env.web.roles import ROBOT
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, between, scene_of
 
@@ -141,7 +141,7 @@ class Match:
         if self.state == "menu":
             self.lay_out(self.round.seed if self.round is not None else None)
 
-    def set_up(self, setup: messages.Setup) -> Any:
+    def set_up(self, setup: page_messages.Setup) -> Any:
         rules = self._rules.changed(setup)
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)

@@ -16,16 +16,16 @@ from pacman_env.episodes.rollout import allowed
 from pacman_env.game.execution import RUNNING
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
-from pacman_env.policies.asking import PolicyError, choose
 from pacman_env.policies.base import KIND_NAMES, Policy, reach
+from pacman_env.policies.policy_calls import PolicyError, choose
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghosts import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
+from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, Pose, encode_all, thinned
-from pacman_env.web.game import Refused
+from pacman_env.web.game_interface import Refused
 from pacman_env.world.navigation import lidar, navigator
 
 _RAYS = 180

@@ -16,7 +16,7 @@ from starlette.routing import BaseRoute, Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from pacman_env import __version__
-from pacman_env.web.game import Game, Refused
+from pacman_env.web.game_interface import Game, Refused
 from pacman_env.web.log import Log
 from pacman_env.web.sessions import VIEW_ONLY, Sessions
 

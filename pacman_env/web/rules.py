@@ -17,8 +17,8 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
-from pacman_env.web.game import Refused
-from pacman_env.web.messages import Setup
+from pacman_env.web.game_interface import Refused
+from pacman_env.web.page_messages import Setup
 from pacman_env.world.map_check import check_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, read_map, shipped_maps
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from pacman_env.game.goals import goal_name
 from pacman_env.game.power import BLINKING, FRIGHTENED
-from pacman_env.web.control import ghost_role
+from pacman_env.web.roles import ghost_role
 
 
 def scene_facts(

@@ -22,9 +22,9 @@ from starlette.types import ASGIApp
 
 from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
 from pacman_env.web.address import bind, link, start_text, with_token
-from pacman_env.web.game import Game
+from pacman_env.web.game_interface import Game
 from pacman_env.web.log import Log
-from pacman_env.web.messages import MOST_BYTES
+from pacman_env.web.page_messages import MOST_BYTES
 from pacman_env.web.routes import STATIC, Routes
 from pacman_env.web.sessions import Sessions
 

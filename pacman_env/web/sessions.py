@@ -2,7 +2,7 @@
 
 All pages receive news twenty times a second (:meth:`Sessions.run`). A page connects (:meth:`Sessions.serve`).
 Each of its messages is checked (``_receive``), waits for its turn (``_take_turn``) and is carried out
-(``web/requests.py``); STOP overtakes all others (``_stop``).
+(``web/page_requests.py``); STOP overtakes all others (``_stop``).
 """
 
 import asyncio
@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from pacman_env.web import control, messages
+from pacman_env.web import page_messages, roles
 from pacman_env.web.access import Kind, refusal_response
-from pacman_env.web.control import ROLES
-from pacman_env.web.game import Game, Refused
+from pacman_env.web.game_interface import Game, Refused
 from pacman_env.web.log import Log
-from pacman_env.web.messages import Message, parse
-from pacman_env.web.requests import RequestHandler, in_thread
+from pacman_env.web.page_messages import Message, parse
+from pacman_env.web.page_requests import RequestHandler, in_thread
+from pacman_env.web.roles import ROLES
 from pacman_env.web.viewers import MOST_TEXTS, Audience, Viewer
 
 TICK_S = 0.05
@@ -57,7 +57,7 @@ class Sessions:
         for person in self._control.expire(now, self._round_runs):
             self._log.add("expired", f"{person} did not come back: control and role are free")
         for key, viewer in list(self._known.items()):
-            if viewer.gone_s is not None and now - viewer.gone_s >= control.KEPT_S:
+            if viewer.gone_s is not None and now - viewer.gone_s >= roles.KEPT_S:
                 del self._known[key]
         update = await in_thread(self._poll_thread, self.audience.poll)
         if update is not None:
@@ -129,7 +129,7 @@ class Sessions:
             role = self._control.roles.of(viewer.name)
             if role is not None and await self._attempt(
                 "a person came back",
-                self.requests.in_thread(self._game.handle, viewer.name, messages.Role(role=role)),  # type: ignore[arg-type]
+                self.requests.in_thread(self._game.handle, viewer.name, page_messages.Role(role=role)),  # type: ignore[arg-type]
             ):
                 self._control.roles.leave(viewer.name)
 
@@ -167,7 +167,7 @@ class Sessions:
                 message = parse(text)
             except ValueError as invalid:
                 error = str(invalid)[:MOST_WORDS]
-        if isinstance(message, messages.Stop):
+        if isinstance(message, page_messages.Stop):
             self.requests.stops += 1
             if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # no id: no answer
                 viewer.stops.append(message)
@@ -178,12 +178,12 @@ class Sessions:
             return
         elif message is None:
             viewer.send({"kind": "refused", "words": error})
-        elif isinstance(message, messages.Ping):
+        elif isinstance(message, page_messages.Ping):
             viewer.answer(message)
-        elif isinstance(message, messages.Watch):
+        elif isinstance(message, page_messages.Watch):
             viewer.why, viewer.lidar = message.why, message.lidar
             viewer.answer(message)
-        elif viewer.access == "viewer" and not isinstance(message, messages.FOR_ALL):
+        elif viewer.access == "viewer" and not isinstance(message, page_messages.FOR_ALL):
             viewer.answer(message, VIEW_ONLY)
         elif viewer.waiting >= MOST_TEXTS - 1:
             viewer.answer(message, "too many requests: the game still handles your earlier ones")

@@ -10,16 +10,16 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as Late
 from typing import Any, Literal
 
-from pacman_env.web import messages
+from pacman_env.web import page_messages
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import News, Refused, Scene
+from pacman_env.web.game_interface import News, Refused, Scene
 from pacman_env.web.match import START_S, Match
-from pacman_env.web.messages import Message
+from pacman_env.web.page_messages import Message
 from pacman_env.web.rules import Choices, Rules
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 300.0  # longest wait for an answer: kernels may have to be compiled
-_LONG = (messages.Setup, messages.ClydeSpeed, messages.Compare)  # prepare a map, or play a round
+_LONG = (page_messages.Setup, page_messages.ClydeSpeed, page_messages.Compare)  # prepare a map, or play a round
 _WHY_S = 0.25  # interval of sending the terms
 
 
@@ -70,11 +70,11 @@ class SimulatedGame:
             self._why_sent_s = 0.0
 
     def handle(self, person: str, message: Message) -> Any:
-        if isinstance(message, messages.Drive):
+        if isinstance(message, page_messages.Drive):
             with self._lock:
                 self._match.driving.steer(person, message.v, message.omega)
             return None
-        if isinstance(message, messages.Why):  # a finished round is constant, so no tick has to wait
+        if isinstance(message, page_messages.Why):  # a finished round is constant, so no tick has to wait
             return self._match.recordings.why(message.story, message.tick)
         return self._ask(lambda: self._do(person, message), waits=isinstance(message, _LONG))
 
@@ -164,33 +164,33 @@ class SimulatedGame:
     def _do(self, person: str, message: Message) -> Any:
         game = self._match
         match message:
-            case messages.Start():
+            case page_messages.Start():
                 game.start()
-            case messages.Reset():
+            case page_messages.Reset():
                 game.reset()
-            case messages.Pause(on=on):
+            case page_messages.Pause(on=on):
                 game.clock.hold(paused=on)
-            case messages.Speed(times=times):
+            case page_messages.Speed(times=times):
                 game.clock.set_speed(times)
-            case messages.Setup():
+            case page_messages.Setup():
                 return game.set_up(message)
-            case messages.ClydeSpeed(mps=mps):
+            case page_messages.ClydeSpeed(mps=mps):
                 game.set_clyde_speed(mps)
-            case messages.PlaceClyde(x=x, y=y, ghost=ghost):
+            case page_messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 game.place_ghost(ghost, x, y)
-            case messages.Role(role=role):
+            case page_messages.Role(role=role):
                 return {"words": game.assume_role(person, role)}
-            case messages.Goal():
+            case page_messages.Goal():
                 game.driving.choose(person, message, game.require_round())
-            case messages.Event(word=word, what=what):
+            case page_messages.Event(word=word, what=what):
                 game.show(what, word)
-            case messages.Arm(on=on):
+            case page_messages.Arm(on=on):
                 game.feedback.armed = on
-            case messages.Compare(story=story):
+            case page_messages.Compare(story=story):
                 return game.recordings.compare(story)
-            case messages.Stories():
+            case page_messages.Stories():
                 return game.recordings.summaries()
-            case messages.Ready():
+            case page_messages.Ready():
                 return game.readiness()
             case _:
                 raise Refused(f"{type(message).__name__}: not in the simulator")

@@ -14,7 +14,7 @@ from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS, Motion, angular_vel
 from pacman_env.game.lights import LightRing
 from pacman_env.game.sounds import SoundQueue
 from pacman_env.web.frame import Frame, Pose
-from pacman_env.web.game import News, Scene
+from pacman_env.web.game_interface import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 from pacman_env.web.scene import scene_facts

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 from pacman_env import __version__
 from pacman_env.web.access import Kind
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Game, Scene
-from pacman_env.web.messages import Message, as_json
+from pacman_env.web.game_interface import Game, Scene
+from pacman_env.web.page_messages import Message, as_json
 from pacman_env.web.vocabulary import vocabulary
 
 MOST_TEXTS = 64  # queued texts per viewer

@@ -6,7 +6,7 @@ from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.lights import light_colour
 from pacman_env.game.sounds import frequency_hz
-from pacman_env.web.control import ROBOT, ghost_role
+from pacman_env.web.roles import ROBOT, ghost_role
 
 STATES = {
     "menu": "In the menu",

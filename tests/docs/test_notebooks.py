@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from pacman_env.evaluation.compare.table import with_interval
+from pacman_env.evaluation.compare.text_table import with_interval
 from tools.figures import store
 
 ROOT = Path(__file__).resolve().parents[2]

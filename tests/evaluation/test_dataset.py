@@ -17,7 +17,7 @@ import minari
 from pacman_env import __version__
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation import dataset
-from pacman_env.executors.base import Done, InProcess
+from pacman_env.executors.executor import Done, InProcess
 from pacman_env.world.maps.occupancy import load_map
 
 NAME = "pacman-env/house-v0"  # which docs/data.md reads

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.executors.base import MOST_LOSSES, Executor, TaskFailed
+from pacman_env.executors.executor import MOST_LOSSES, Executor, TaskFailed
 from tests.executors import functions
 from tests.waiting import wait_for
 

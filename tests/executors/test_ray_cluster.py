@@ -9,9 +9,9 @@ import pytest
 pytest.importorskip("ray")
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.rounds.play import Matchup, play_all
+from pacman_env.evaluation.rounds.matchups import Matchup, play_all
 from pacman_env.executors import ray_cluster
-from pacman_env.executors.base import Executor, InProcess, TaskFailed
+from pacman_env.executors.executor import Executor, InProcess, TaskFailed
 from pacman_env.executors.ray_cluster import RayCluster
 from tests.evaluation.helpers import CONFIG, copy_planners
 from tests.executors import functions

@@ -8,7 +8,7 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.engine.jit import kernel
 from pacman_env.game import ghosts as rule
 from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
-from pacman_env.sim.core.ghosts import head_for, wander_on
+from pacman_env.sim.core.ghost_state import head_for, wander_on
 from pacman_env.sim.core.parameters import GHOST
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.ghost_cells import ClydeCells, search_memory

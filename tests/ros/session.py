@@ -18,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import REFEREE, SELECTOR, GameSetup
-from pacman_env.ros.lock_step.game import LockStepGame
+from pacman_env.ros.lock_step.lock_step_game import LockStepGame
 from pacman_env.ros.lock_step.members import Delivery, Member
 from pacman_env.ros.lock_step.stepper import LockStep
 from pacman_env.ros.node import BaseNode

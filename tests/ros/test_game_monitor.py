@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import MONITORED, GameMonitor
-from pacman_env.ros.messages import BadMessage, markers_of, pose_message
+from pacman_env.ros.message_conversion import BadMessage, markers_of, pose_message
 
 STAMP = Time(sec=12, nanosec=500_000_000)
 PROCESS: dict[str, Any] = {

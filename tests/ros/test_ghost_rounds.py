@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_of
+from pacman_env.ros.message_conversion import pose_of
 from tests.map_parts import part_of_map
 from tests.plugin_example import install
 from tests.ros import session

@@ -13,8 +13,8 @@ import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import REFEREE, SELECTOR
-from pacman_env.ros.lock_step.game import RESTART_S
-from pacman_env.ros.messages import pose_message, pose_of
+from pacman_env.ros.lock_step.lock_step_game import RESTART_S
+from pacman_env.ros.message_conversion import pose_message, pose_of
 from pacman_env.ros.standstill import DEFAULT_LEASE_S, STOOD_STILL
 from tests.map_parts import part_of_map
 from tests.ros import session

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from pacman_env.config import Config
-from pacman_env.ros.messages import GHOST_OBSTACLE
+from pacman_env.ros.message_conversion import GHOST_OBSTACLE
 from pacman_env.ros.nodes.ghost_trail import GhostTrail
 from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain

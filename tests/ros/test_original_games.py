@@ -14,7 +14,7 @@ import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import REFEREE
-from pacman_env.ros.messages import markers_of
+from pacman_env.ros.message_conversion import markers_of
 from pacman_env.ros.node import BaseNode
 from tests.map_parts import part_of_map
 from tests.ros import session

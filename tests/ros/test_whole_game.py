@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SIMULATOR
-from pacman_env.ros.messages import pose_of
+from pacman_env.ros.message_conversion import pose_of
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, LIGHT_RING_SHOWN
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.ros import session

@@ -19,8 +19,8 @@ pytest.importorskip("irobot_create_msgs")
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, REFEREE, SELECTOR, SIMULATOR
 from pacman_env.ros.lock_step.deliveries import NodeFailed
-from pacman_env.ros.lock_step.game import LockStepGame
-from pacman_env.ros.messages import pellets_of, pose_of
+from pacman_env.ros.lock_step.lock_step_game import LockStepGame
+from pacman_env.ros.message_conversion import pellets_of, pose_of
 from tests.ros import session
 
 SETTINGS = ("clyde.speed_mps=0.02", "clyde.speed_step_mps=0.001", "show.start_s=1", "show.death_s=1")

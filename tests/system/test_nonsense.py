@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from unique_identifier_msgs.msg import UUID
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from tests.map_parts import part_of_map
 from tests.ros import session

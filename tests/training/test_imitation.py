@@ -11,17 +11,17 @@ pytest.importorskip("sb3_contrib")
 
 import torch
 
-from pacman_env.executors.base import InProcess
+from pacman_env.executors.executor import InProcess
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
-from pacman_env.training.games import Games, PlannerGames, PlannerPart, dropped, make_parts
-from pacman_env.training.network import PackedSituations
+from pacman_env.training.planner_network import PackedSituations
 from pacman_env.training.ppo import PPO, discounted, imitate
-from tests.training.test_arguments import tiny
+from pacman_env.training.training_games import Games, PlannerGames, PlannerPart, dropped, make_parts
+from tests.training.test_run_arguments import tiny
 
 
 def pupil(seed: int = 0, **changes: Any) -> PPO:

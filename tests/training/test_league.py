@@ -10,15 +10,15 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.executors.base import InProcess
+from pacman_env.executors.executor import InProcess
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.training import league as module
-from pacman_env.training.arguments import Arguments
 from pacman_env.training.league import League, clyde_arguments
+from pacman_env.training.run_arguments import Arguments
 from tests.training.planners import random_planner
-from tests.training.test_arguments import tiny
+from tests.training.test_run_arguments import tiny
 
 SEEDS = episode_seeds(0, 4000)
 

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.game_runner import GameRunner
-from pacman_env.executors.base import InProcess
+from pacman_env.executors.executor import InProcess
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.sim.observation.situation import Situation
-from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
+from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
 
 GAMES = 16
 ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v1.yaml", "headline"))

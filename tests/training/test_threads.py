@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pacman_env.executors.base import Executor
+from pacman_env.executors.executor import Executor
 from pacman_env.training.threads import InThreads
 from tests.executors.contract import ExecutorContract
 

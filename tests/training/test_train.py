@@ -11,17 +11,17 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import play
-from pacman_env.executors.base import InProcess
+from pacman_env.executors.executor import InProcess
 from pacman_env.game.execution import COMPLETE
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.situation import REFUGE
 from pacman_env.training.checkpoint import facts_path, read_facts
-from pacman_env.training.games import game_config
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.train import main, parse
+from pacman_env.training.training_games import game_config
 from tests.policies.contract import random_situation
-from tests.training.test_arguments import section, tiny
+from tests.training.test_run_arguments import section, tiny
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The headline section, made short.

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from pacman_env.web.messages import ClydeSpeed
+from pacman_env.web.page_messages import ClydeSpeed
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from pacman_env.web import messages as m
+from pacman_env.web import page_messages as m
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused
+from pacman_env.web.game_interface import Refused
 from tests.waiting import wait_for
 from tests.web.pages import decode
 

@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Literal
 
-from pacman_env.web import messages
+from pacman_env.web import page_messages
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused, Scene
-from pacman_env.web.messages import Message
+from pacman_env.web.game_interface import Refused, Scene
+from pacman_env.web.page_messages import Message
 
 PICTURE = b"\x89PNG\r\n\x1a\n picture"
 
@@ -76,7 +76,7 @@ class ScriptedGame:
         self._called("handle", kept=False)
         if self._on_handle is not None:
             return self._on_handle(person, message)
-        if isinstance(message, messages.PlaceClyde):
+        if isinstance(message, page_messages.PlaceClyde):
             raise Refused("not in the menu")
         return None
 

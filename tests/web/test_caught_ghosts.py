@@ -8,7 +8,7 @@ import pytest
 from msgspec import UNSET
 
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.web import messages as m
+from pacman_env.web import page_messages as m
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.played_round import Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.web import messages
+from pacman_env.web import page_messages
 from pacman_env.web.access import Tokens
-from pacman_env.web.game import Scene
+from pacman_env.web.game_interface import Scene
 from pacman_env.web.routes import STATIC
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
@@ -355,15 +355,15 @@ def test_viewer_page_only_watches_and_stops(simulated: SimulatedGame, visit: Vis
 
 def test_alert_asks_for_robot_pose(simulated: SimulatedGame, visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
     alerts = [{"kind": "pose jumped", "words": "pose jumped 3.1 m", "remedy": "look", "asks": True}]
-    asked: list[messages.Message] = []
+    asked: list[page_messages.Message] = []
     scene, handle = simulated.scene, simulated.handle
 
     def shown() -> Scene:
         now = scene()
         return Scene(now.revision + 1000 * len(alerts), {**now.facts, "alerts": list(alerts)}, now.picture)
 
-    def handled(person: str, message: messages.Message) -> Any:
-        if not isinstance(message, messages.SetPose | messages.Continue):
+    def handled(person: str, message: page_messages.Message) -> Any:
+        if not isinstance(message, page_messages.SetPose | page_messages.Continue):
             return handle(person, message)
         asked.append(message)
         return None
@@ -384,7 +384,7 @@ def test_alert_asks_for_robot_pose(simulated: SimulatedGame, visit: Visit, monke
     page.click_at(x, y + 1.0)
     page.until(lambda: asked, "a pose")
     (pose,) = asked
-    assert isinstance(pose, messages.SetPose)
+    assert isinstance(pose, page_messages.SetPose)
     assert (pose.x, pose.y, pose.heading) == pytest.approx((x, y, math.pi / 2), abs=0.1)
     page.wait("state.posing === ''")
     page.press("continue")

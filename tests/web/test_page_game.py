@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from pacman_env.web import messages as m
+from pacman_env.web import page_messages as m
 from pacman_env.web.simulated import SimulatedGame
 from tests.web.browser import Visitor
 from tests.web.test_caught_ghosts import SETTINGS, places_on_the_way

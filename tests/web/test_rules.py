@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.sim.maps.level_source import TEST_LEVEL
-from pacman_env.web.game import Refused
-from pacman_env.web.messages import Setup
+from pacman_env.web.game_interface import Refused
+from pacman_env.web.page_messages import Setup
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 

@@ -15,15 +15,15 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from pacman_env.web import control, messages, sessions
+from pacman_env.web import page_messages, roles, sessions
 from pacman_env.web.access import Tokens
-from pacman_env.web.game import Refused
-from pacman_env.web.messages import Message
+from pacman_env.web.game_interface import Refused
+from pacman_env.web.page_messages import Message
 from pacman_env.web.server import WebServer
 from tests.waiting import PATIENCE_S, wait_for
 from tests.web.pages import Page, at, decode, upload, viewer_url
 from tests.web.scripted_game import ScriptedGame
-from tests.web.test_messages import RIGHT
+from tests.web.test_page_messages import RIGHT
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -37,7 +37,7 @@ class SlowGame(ScriptedGame):
 
     def handle(self, person: str, message: Message) -> Any:
         super().handle(person, message)
-        if isinstance(message, messages.Start):
+        if isinstance(message, page_messages.Start):
             self.begun.set()
             assert self.go_on.wait(PATIENCE_S)
         return {"did": type(message).__name__}
@@ -73,7 +73,7 @@ def test_message_is_carried_out_and_answered(serve: Callable[..., WebServer]) ->
     with Page(serve(game)) as page:
         answer = page.ask("start")
         assert answer == {"kind": "answer", "id": 1, "ok": True, "words": "", "data": {"nan": None, "by": page.name}}
-        assert game.handled == [(page.name, messages.Start(id=1))]
+        assert game.handled == [(page.name, page_messages.Start(id=1))]
         assert page.ask("ping")["ok"]
         assert page.people(operator=page.name)["viewers"] == 1
 
@@ -128,10 +128,10 @@ def test_messages_keep_their_order_per_person(serve: Callable[..., WebServer]) -
         game.begin(one)
         last = [one.send("clyde_speed", mps=k / 10) for k in range(1, 20)][-1]
         assert other.ask("stories")["data"] == {"did": "Stories"}
-        assert [type(message) for _, message in game.handled] == [messages.Start, messages.Stories]
+        assert [type(message) for _, message in game.handled] == [page_messages.Start, page_messages.Stories]
         game.go_on.set()
         one.wait("answer", lambda text: text["id"] == last)
-        speeds = [message.mps for _, message in game.handled if isinstance(message, messages.ClydeSpeed)]
+        speeds = [message.mps for _, message in game.handled if isinstance(message, page_messages.ClydeSpeed)]
         assert speeds == [k / 10 for k in range(1, 20)]
 
 
@@ -144,7 +144,7 @@ def test_stop_overtakes_flood_that_is_refused(serve: Callable[..., WebServer], m
             page.send("clyde_speed", mps=1.0)
         page.send("stop")
         wait_for(lambda: ("stop", page.name) in game.calls)
-        assert [type(message) for _, message in game.handled] == [messages.Start], "the others still wait"
+        assert [type(message) for _, message in game.handled] == [page_messages.Start], "the others still wait"
         for words in ("too many requests", "some are ignored"):
             while not any(words in text.get("words", "") for text in page.texts):
                 page.read()
@@ -192,7 +192,7 @@ def test_viewer_may_stop_and_ask_only(serve: Callable[..., WebServer]) -> None:
         allowed = {"stop", "watch", "why", "stories", "ready", "ping"}
         assert {word for word, answer in answers.items() if answer["ok"]} == allowed
         assert answers["start"]["words"] == "your link is view only; STOP still works"
-        assert {type(message) for _, message in game.handled} <= set(messages.FOR_ALL)
+        assert {type(message) for _, message in game.handled} <= set(page_messages.FOR_ALL)
         assert ("stop", page.name) in game.calls
 
 
@@ -215,7 +215,7 @@ def test_control_belongs_to_one_person_until_given(game: ScriptedGame, server: W
 def test_control_is_free_after_page_has_left(
     game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch, cause: str
 ) -> None:
-    monkeypatch.setattr(control, "KEPT_S", 600.0)
+    monkeypatch.setattr(roles, "KEPT_S", 600.0)
     with Page(server) as other:
         with Page(server) as one:
             one.ask("control", what="take")
@@ -224,7 +224,7 @@ def test_control_is_free_after_page_has_left(
         wait_for(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
         if cause == "time":
-            monkeypatch.setattr(control, "KEPT_S", 0.0)
+            monkeypatch.setattr(roles, "KEPT_S", 0.0)
         else:
             game.state = "menu"
         other.people(operator=None)
@@ -254,7 +254,7 @@ def test_page_regains_name_control_role_on_return(game: ScriptedGame, server: We
         assert thief.name != one.name  # a key is good once
         roles = thief.people(operator=one.name)["roles"]
         assert roles["ghost-1"] == one.name
-        wait_for(lambda: game.handled.count((one.name, messages.Role(role="ghost-1"))) == 1)
+        wait_for(lambda: game.handled.count((one.name, page_messages.Role(role="ghost-1"))) == 1)
         assert back.ask("start")["ok"]
 
 
@@ -279,12 +279,12 @@ def test_role_accepts_messages_of_its_person_only(game: ScriptedGame, server: We
         assert other.ask("goal", x=1, y=2)["ok"]
         assert one.ask("role", role="none")["ok"]
         assert other.ask("role", role="robot")["ok"]
-        other.people(roles={role: other.name if role == "robot" else None for role in control.ROLES})
+        other.people(roles={role: other.name if role == "robot" else None for role in roles.ROLES})
 
 
 def test_role_is_kept_when_another_is_refused(serve: Callable[..., WebServer]) -> None:
     def handle(person: str, message: Message) -> None:
-        if isinstance(message, messages.Role) and message.role == "ghost-3":
+        if isinstance(message, page_messages.Role) and message.role == "ghost-3":
             raise Refused("there are 3 ghosts")
 
     with Page(serve(ScriptedGame(handle))) as page:
@@ -304,7 +304,7 @@ def test_robot_role_needs_control_of_real_robot(serve: Callable[..., WebServer])
         assert one.ask("control", what="give")["ok"]
         assert not one.ask("drive", v=0.1, omega=0)["ok"]
         assert other.ask("role", role="robot")["ok"]
-        assert (one.name, messages.Role(role="none")) in game.handled
+        assert (one.name, page_messages.Role(role="none")) in game.handled
 
 
 # beginning and end

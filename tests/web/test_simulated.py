@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from msgspec import UNSET
 
-from pacman_env.web import messages as m
+from pacman_env.web import page_messages as m
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import Refused
+from pacman_env.web.game_interface import Refused
 from pacman_env.web.played_round import Orders, PlayedRound
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from pacman_env.evaluation.compare.table import percent, render
+from pacman_env.evaluation.compare.text_table import percent, render
 
 Record = Mapping[str, Any]  # one measurement in docs/figures.json
 Records = Mapping[str, Record]

@@ -14,14 +14,14 @@ from typing import Any
 from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.command_line.game_options import add_game_option
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.evaluation.compare import heat_map, league
+from pacman_env.evaluation.compare import heat_map, league_table
 from pacman_env.evaluation.compare.cells import EPISODES, Cell, make_cells, places
 from pacman_env.evaluation.compare.results import as_json, describe, make_rows
-from pacman_env.evaluation.compare.table import WIDTH, groups, render, verdict
+from pacman_env.evaluation.compare.text_table import WIDTH, groups, render, verdict
 from pacman_env.evaluation.rounds import scenarios
-from pacman_env.evaluation.rounds.kept import play_left
-from pacman_env.evaluation.rounds.play import Matchup
-from pacman_env.executors.choice import add_executor_arguments
+from pacman_env.evaluation.rounds.matchups import Matchup
+from pacman_env.evaluation.rounds.stored_rounds import play_left
+from pacman_env.executors.options import add_executor_arguments
 from pacman_env.files import prepare, write_text
 
 POLICIES = ("clyde_aware", "ppo", "lookahead", "nearest", "random_pellet")
@@ -82,7 +82,11 @@ def _compare(arguments: argparse.Namespace) -> None:
     settings = f"preset {arguments.preset}, execution {arguments.execution}, seed {arguments.seed}"
     settings = ", ".join([settings, *arguments.set])
     if arguments.suite:
-        print("\n\n".join([f"suite {arguments.suite}, {settings}", *league.summary(rows), *league.tables(content)]))
+        print(
+            "\n\n".join(
+                [f"suite {arguments.suite}, {settings}", *league_table.summary(rows), *league_table.tables(content)]
+            )
+        )
     else:
         width, power = shutil.get_terminal_size((WIDTH, 24)).columns, cells[0].config.power.pellets > 0
         print(f"{settings}\n\n{render(rows, width, power=power)}")
@@ -104,7 +108,7 @@ def _write_views(content: dict[str, Any], written: dict[str, Path], settings: st
         save_plot(rows, written["plot"], "\n".join(filter(None, title)))
     if "markdown" in written:
         write_text(written["svg"], heat_map.draw(rows))
-        write_text(written["markdown"], league.render(content, written["svg"].name))
+        write_text(written["markdown"], league_table.render(content, written["svg"].name))
 
 
 def _write_films(content: dict[str, Any], written: dict[str, Path], cell: Cell, policies: dict[str, str]) -> None:
@@ -118,7 +122,7 @@ def _write_films(content: dict[str, Any], written: dict[str, Path], cell: Cell, 
         poster = first_frame(games, height)
         film_games(games, video, height)
     if "html" in written:
-        from pacman_env.evaluation.compare.page import render_page
+        from pacman_env.evaluation.compare.html_page import render_page
 
         write_text(written["html"], render_page(content, written.get("plot"), video, poster))
 

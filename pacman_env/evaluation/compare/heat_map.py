@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from html import escape
 
-from pacman_env.evaluation.compare.league import ghosts_of, groups_of
+from pacman_env.evaluation.compare.league_table import ghosts_of, groups_of
 from pacman_env.evaluation.rounds.summary import Row
 
 _LABEL, _WIDTH, _HEIGHT, _GAP = 230, 38, 24, 10  # px: column of the ghosts, a field, and between policies

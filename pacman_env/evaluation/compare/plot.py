@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pacman_env.evaluation.compare.table import group_title, groups, short_name
+from pacman_env.evaluation.compare.text_table import group_title, groups, short_name
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.files import replaced
 

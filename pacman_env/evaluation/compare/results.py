@@ -14,11 +14,11 @@ from pacman_env import __version__
 from pacman_env.command_line.command import Parser
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.cells import Cell, places
-from pacman_env.evaluation.rounds.kept import describe_policy
-from pacman_env.evaluation.rounds.play import Played
+from pacman_env.evaluation.rounds.matchups import Played
 from pacman_env.evaluation.rounds.scenarios import describe_scenario, is_checkpoint, load_policy
+from pacman_env.evaluation.rounds.stored_rounds import describe_policy
 from pacman_env.evaluation.rounds.summary import SCHEMA, Row, make_row, worst_tenth
-from pacman_env.executors.choice import without_executor
+from pacman_env.executors.options import without_executor
 from pacman_env.files import commit
 
 _OUTPUTS = ("parts", "resume", "json", "plot", "video", "html", "markdown", "threads")

@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.episodes.statistics import Interval, bootstrapped_mean, paired_difference, wilson
-from pacman_env.evaluation.rounds.play import Played
+from pacman_env.evaluation.rounds.matchups import Played
 from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
 
 SCHEMA = 3

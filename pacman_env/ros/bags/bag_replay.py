@@ -10,8 +10,8 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.goals import goal_name
-from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES, Policy
+from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config

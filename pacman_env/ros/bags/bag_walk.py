@@ -12,7 +12,7 @@ from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
 from pacman_env.ros.game_monitor import GameMonitor
 from pacman_env.ros.game_nodes import SELECTOR
-from pacman_env.ros.messages import BadMessage, ghost_times_of, pose_of
+from pacman_env.ros.message_conversion import BadMessage, ghost_times_of, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.robot_view import RobotView, Seen

@@ -14,7 +14,7 @@ from ..discovery import stay_on_this_machine
 from ..game_nodes import LOCK_STEP, from_json
 from ..node import BAD_START, StopSignals
 from .deliveries import NodeFailed
-from .game import LockStepGame
+from .lock_step_game import LockStepGame
 
 OUTSIDE_S = 0.01  # real time between receptions from outside
 FAILED = 1  # exit status

@@ -12,7 +12,7 @@ from pacman_env.game.events import SOUNDS
 from pacman_env.game.sounds import SoundQueue, frequency_hz
 
 from .. import topics
-from ..messages import word_of
+from ..message_conversion import word_of
 from ..node import GameNode, run
 
 NAME = "audio_node"

@@ -1,7 +1,7 @@
 """Node ``clyde_ghost_node``: Clyde and the other ghosts on the map, as poses, markers and obstacles.
 
-Targets and motion of ghosts are the simulator's (``sim/core/ghosts.py``); this node adds a clock and topics. Policies
-that move ghosts get the same situation as the robot's policy.
+Targets and motion of ghosts are the simulator's (``sim/core/ghost_state.py``); this node adds a clock and topics.
+Policies that move ghosts get the same situation as the robot's policy.
 """
 
 import math
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.power import EYES, frightened_colour
-from pacman_env.policies.asking import PolicyError, choose, reset
+from pacman_env.policies.policy_calls import PolicyError, choose, reset
 from pacman_env.policies.registry import split_ghosts
-from pacman_env.sim.core.ghosts import MapGhosts
+from pacman_env.sim.core.ghost_state import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 
-from .. import messages, topics
-from ..messages import GHOST_OBSTACLE, BadMessage, Pose, Position
+from .. import message_conversion as messages
+from .. import topics
+from ..message_conversion import GHOST_OBSTACLE, BadMessage, Pose, Position
 from ..node import GameNode, parameter, run
 from .ghost_trail import CostmapClearing, GhostTrail
 

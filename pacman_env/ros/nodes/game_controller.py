@@ -11,11 +11,11 @@ from functools import partial
 from typing import Any
 
 from pacman_env.config import MAX_SPEED_MPS
-from pacman_env.game.requests import Removals, Requests
+from pacman_env.game.pending_requests import Removals, Requests
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
 from .. import topics
-from ..messages import number_of, pellets_of, power_pellets_of, word_of
+from ..message_conversion import number_of, pellets_of, power_pellets_of, word_of
 from ..node import GameNode, parameter, run
 from ..operator_stop import OperatorStop
 from ..standstill import STOOD_STILL

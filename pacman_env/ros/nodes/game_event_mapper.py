@@ -8,7 +8,7 @@ from typing import Any
 from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 
 from .. import topics
-from ..messages import twist_message, word_of
+from ..message_conversion import twist_message, word_of
 from ..node import GameNode, run
 from ..operator_stop import OperatorStop
 

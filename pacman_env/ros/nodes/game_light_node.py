@@ -16,7 +16,7 @@ from pacman_env.game.events import LIGHTS
 from pacman_env.game.lights import BLACK, LASTING, LightRing, Ring
 
 from .. import topics
-from ..messages import word_of
+from ..message_conversion import word_of
 from ..node import GameNode, run
 
 NAME = "game_light_node"

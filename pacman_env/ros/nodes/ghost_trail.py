@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import topics
-from ..messages import Position
+from ..message_conversion import Position
 from ..node import GameNode
 
 _APART_M = 0.04  # hits every cell of a costmap with cells of 0.06 m at any heading

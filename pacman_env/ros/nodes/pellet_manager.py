@@ -7,7 +7,7 @@ from typing import Any
 from pacman_env.game.pellets import generate_pellets
 
 from .. import topics
-from ..messages import markers_of
+from ..message_conversion import markers_of
 from ..node import GameNode, run
 
 NAME = "pellet_manager"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .. import topics
-from ..messages import pose_of
+from ..message_conversion import pose_of
 from ..node import BaseNode, parameter, run
 
 NAME = "wait_for_amcl_pose"

@@ -17,12 +17,21 @@ from numpy.typing import NDArray
 from pacman_env.game.lights import Ring
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import TOPICS, GameMonitor
-from pacman_env.ros.grid import grid_of
-from pacman_env.ros.messages import BadMessage, Pose, Position, object_of, pose_of, seconds_of, transform_of, word_of
+from pacman_env.ros.map_comparison import grid_of
+from pacman_env.ros.message_conversion import (
+    BadMessage,
+    Pose,
+    Position,
+    object_of,
+    pose_of,
+    seconds_of,
+    transform_of,
+    word_of,
+)
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.web.game import News
+from pacman_env.web.game_interface import News
 from pacman_env.world.navigation.localization import compose
 
 RAYS = 180

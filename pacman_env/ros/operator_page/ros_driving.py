@@ -11,11 +11,11 @@ from typing import Any
 
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.ros import topics
-from pacman_env.ros.messages import twist_message
+from pacman_env.ros.message_conversion import twist_message
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.control import DEAD_MAN_S, ROBOT, Roles
-from pacman_env.web.game import News, Refused
+from pacman_env.web.game_interface import News, Refused
+from pacman_env.web.roles import DEAD_MAN_S, ROBOT, Roles
 
 PERIOD_S = 0.05  # between zero velocities while stopped: Nav2 may publish other velocities as often
 _ENDS = 5  # zero velocities at the end of a drive, because one may be lost

@@ -21,7 +21,7 @@ from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
-from pacman_env.ros.messages import pose_message
+from pacman_env.ros.message_conversion import pose_message
 from pacman_env.ros.node import event_executor
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
@@ -30,11 +30,11 @@ from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK
 from pacman_env.ros.supervisor.doctor import Doctor
 from pacman_env.ros.surroundings import current
-from pacman_env.web import messages
-from pacman_env.web.control import ROBOT
+from pacman_env.web import page_messages
 from pacman_env.web.frame import Frame
-from pacman_env.web.game import IN_PROGRESS, News, Refused, Scene
-from pacman_env.web.messages import Message
+from pacman_env.web.game_interface import IN_PROGRESS, News, Refused, Scene
+from pacman_env.web.page_messages import Message
+from pacman_env.web.roles import ROBOT
 from pacman_env.world.maps.occupancy import load_map
 
 _LOG = logging.getLogger(__name__)
@@ -47,15 +47,15 @@ _PLACED_M = 0.5
 _CHECKS_S = 6.0  # observation time for the readiness list
 _SET_PARAMETERS = topics.Service(f"{SELECTOR}/set_parameters", "rcl_interfaces/SetParameters")
 _REFUSALS: dict[type[Message], str] = {
-    messages.Pause: "a robot cannot be paused: STOP holds the robot, and Reset ends the round",
-    messages.Speed: "the speed of a robot is fixed; --speed sets the speed of a simulated robot at its start",
-    messages.Goal: "on a robot the policy chooses the goals; drive by hand with the arrow keys",
-    messages.Why: "rounds of a robot are not stored here: use pacman-env ros record and ros replay",
+    page_messages.Pause: "a robot cannot be paused: STOP holds the robot, and Reset ends the round",
+    page_messages.Speed: "the speed of a robot is fixed; --speed sets the speed of a simulated robot at its start",
+    page_messages.Goal: "on a robot the policy chooses the goals; drive by hand with the arrow keys",
+    page_messages.Why: "rounds of a robot are not stored here: use pacman-env ros record and ros replay",
 }
 
 
 class RosGame:
-    """:class:`~pacman_env.web.game.Game` played by the nodes of a namespace (with a leading slash).
+    """:class:`~pacman_env.web.game_interface.Game` played by the nodes of a namespace (with a leading slash).
 
     The readiness list compares the robot's map with ``map``; MapError or OSError if ``map`` cannot be read.
     """
@@ -136,41 +136,41 @@ class RosGame:
 
     def handle(self, person: str, message: Message) -> Any:
         match message:
-            case messages.Start():
+            case page_messages.Start():
                 self._driving.require_not_stopped()
                 if self.node.game.state not in (None, "menu"):
                     raise Refused(IN_PROGRESS)
                 self._driving.wheels.end_drive()
                 self._call_referee(topics.START_GAME)
-            case messages.Reset():
+            case page_messages.Reset():
                 self._call_referee(topics.RESET_GAME)
-            case messages.Setup():
+            case page_messages.Setup():
                 self._set_up(message)
-            case messages.ClydeSpeed(mps=mps):
+            case page_messages.ClydeSpeed(mps=mps):
                 self._out[topics.BASE_CLYDE_SPEED.name].publish(topics.BASE_CLYDE_SPEED.type(data=mps))
-            case messages.PlaceClyde(x=x, y=y, ghost=ghost):
+            case page_messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
-            case messages.SetPose(x=x, y=y, heading=heading):
+            case page_messages.SetPose(x=x, y=y, heading=heading):
                 self._set_pose(x, y, heading)
-            case messages.Continue():
+            case page_messages.Continue():
                 self._require(self._call(topics.CONTINUE, topics.CONTINUE.type.Request(), SELECTOR))
-            case messages.Role(role=role):
+            case page_messages.Role(role=role):
                 self._driving.assume(person, role)
                 return {"words": ""}
-            case messages.Drive(v=v, omega=omega):
+            case page_messages.Drive(v=v, omega=omega):
                 self._driving.roles.require(person, ROBOT)
                 self._driving.require_not_stopped()
                 self._require_game()
                 self._driving.drive(v, omega, self._view.scene.facts)
-            case messages.Event(word=word, what=what):
+            case page_messages.Event(word=word, what=what):
                 require_word(what, word)
                 self._require_game()
                 self._driving.show(what, word)
-            case messages.Arm(on=on):
+            case page_messages.Arm(on=on):
                 self._driving.arm(person if on else None)
-            case messages.Ready():
+            case page_messages.Ready():
                 return self._ready()
-            case messages.Stories():
+            case page_messages.Stories():
                 return []
             case _:
                 raise Refused(_REFUSALS.get(type(message), f"{type(message).__name__}: not on a robot"))
@@ -240,7 +240,7 @@ class RosGame:
             raise Refused(f"{node}: {answer.exception()}")
         return answer.result()
 
-    def _set_up(self, setup: messages.Setup) -> None:
+    def _set_up(self, setup: page_messages.Setup) -> None:
         """Change the policy, which is possible in the menu; ignore a second policy and refuse everything else."""
         others = {name for name in setup.__struct_fields__ if name not in ("id", "policy", "second")}
         if setup.policy is None or any(getattr(setup, name) not in (None, False) for name in others):

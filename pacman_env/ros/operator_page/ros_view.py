@@ -14,13 +14,13 @@ from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_con
 from pacman_env.game.round import State
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import NO_RESPONSE
-from pacman_env.ros.messages import Position
+from pacman_env.ros.message_conversion import Position
 from pacman_env.ros.operator_page.page_node import PageNode, PublishedGame
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, POSE_JUMPED, POSE_LOST, REMEDIES
 from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, thinned
-from pacman_env.web.game import News, Scene
+from pacman_env.web.game_interface import News, Scene
 from pacman_env.web.scene import scene_facts
 
 

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from pacman_env.ros.messages import BadMessage, Pose, pose_of, seconds_of, transform_of
+from pacman_env.ros.message_conversion import BadMessage, Pose, pose_of, seconds_of, transform_of
 from pacman_env.world.navigation.localization import compose, wrap
 
 BASE, MAP, ODOM = "base_link", "map", "odom"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pacman_env.policies.base import Policy, reach
-from pacman_env.ros.messages import marker_message
+from pacman_env.ros.message_conversion import marker_message
 from pacman_env.ros.topics import SCORE_MARKERS
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.situation import HOLD, Situation

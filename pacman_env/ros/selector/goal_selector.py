@@ -1,6 +1,6 @@
 """Node ``goal_selector``: drives the robot with any registered policy, instead of the original's ``planner_stub``.
 
-This module has the lifecycle and the parameters, ``pursuit.py`` the work of a configured node. No callback blocks.
+This module has the lifecycle and the parameters, ``goal_driver.py`` the work of a configured node. No callback blocks.
 """
 
 import sys
@@ -19,8 +19,8 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.ros.heartbeat import HEART, LONG_S
 from pacman_env.ros.node import GameNode, parameter, run
 from pacman_env.ros.rclpy_private import accept_integers, destroy_state_machine
+from pacman_env.ros.selector.goal_driver import GoalDriver
 from pacman_env.ros.selector.pose_watch import PoseLimits
-from pacman_env.ros.selector.pursuit import Pursuit
 from pacman_env.ros.selector.reasons import POLICY_FAILS
 from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.ros.selector.saved_jump import SavedJump
@@ -59,7 +59,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._jump = SavedJump(self)
         autostart = parameter(self, "autostart", True, "configure and activate at the start")
 
-        self._pursuit: Pursuit | None = None  # None if not configured
+        self._driver: GoalDriver | None = None  # None if not configured
         self._fault = ""  # reason why configuring failed
         self._loaded: tuple[str, Policy] | None = None  # checked policy, used after the parameter is set
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -85,7 +85,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             home = None if self._home is None else tuple(self._home)
             policy = self.get_parameter("policy").value
             selection = Selection(self.config, self.map, policy, home, self._limits, self.once)
-            self._pursuit = Pursuit(self, selection, self._jump, self._rate, self._passive)
+            self._driver = GoalDriver(self, selection, self._jump, self._rate, self._passive)
         except _UNUSABLE as error:
             self._fault = str(error)
             self.get_logger().error(self._fault)
@@ -96,38 +96,38 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return super().on_configure(state)
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
-        assert self._pursuit is not None
-        self._pursuit.activate()
-        selection = self._pursuit.selection
+        assert self._driver is not None
+        self._driver.activate()
+        selection = self._driver.selection
         what = f"policy {selection.spec} on map {selection.view.assets.occupancy.name}"
         self.get_logger().info(f"{what}{', a shadow: nothing is sent' if self._passive else ''}")
         return super().on_activate(state)
 
     def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
-        assert self._pursuit is not None
-        self._pursuit.deactivate()
+        assert self._driver is not None
+        self._driver.deactivate()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: Any) -> TransitionCallbackReturn:
-        assert self._pursuit is not None
-        self._pursuit.destroy()
-        self._pursuit = None
+        assert self._driver is not None
+        self._driver.destroy()
+        self._driver = None
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
-        if self._pursuit is not None:
-            self._pursuit.deactivate()
+        if self._driver is not None:
+            self._driver.deactivate()
         return super().on_shutdown(state)
 
     def last_messages(self) -> Iterable[Any]:
-        return () if self._pursuit is None else self._pursuit.last_messages()
+        return () if self._driver is None else self._driver.last_messages()
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Load a new policy; refuse it outside the menu or if it cannot be used."""
         for change in parameters:
-            if change.name != "policy" or self._pursuit is None:
+            if change.name != "policy" or self._driver is None:
                 continue
-            selection = self._pursuit.selection
+            selection = self._driver.selection
             state = selection.executor.game_state
             if state not in ("menu", None):
                 return SetParametersResult(successful=False, reason=f"policy: the game is in state {state!r}, not menu")
@@ -140,8 +140,8 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         return SetParametersResult(successful=True)
 
     def _use_loaded(self, parameters: list[Parameter]) -> None:
-        if self._loaded is not None and self._pursuit is not None:
-            self._pursuit.selection.spec, self._pursuit.selection.policy = self._loaded
+        if self._loaded is not None and self._driver is not None:
+            self._driver.selection.spec, self._driver.selection.policy = self._loaded
             self.once.over(POLICY_FAILS)
             self.get_logger().info(f"policy {self._loaded[0]}")
         self._loaded = None

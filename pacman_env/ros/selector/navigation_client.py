@@ -11,7 +11,7 @@ from unique_identifier_msgs.msg import UUID
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage, Pose, Position, pose_message, pose_of
+from pacman_env.ros.message_conversion import BadMessage, Pose, Position, pose_message, pose_of
 from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.surroundings import current
 

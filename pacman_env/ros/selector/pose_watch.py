@@ -8,7 +8,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from pacman_env.ros.messages import Pose
+from pacman_env.ros.message_conversion import Pose
 from pacman_env.ros.selector.believed_pose import BelievedPose, Chain
 from pacman_env.ros.selector.reasons import NO_ODOMETRY, OTHER_MAP, POSE_JUMPED, POSE_LOST
 from pacman_env.world.navigation.localization import compose, inverse, wrap

@@ -18,12 +18,12 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
 from pacman_env.game.power import HARMLESS_UNTIL
-from pacman_env.policies.asking import PolicyError, choose, name_of, reset
 from pacman_env.policies.base import Policy
+from pacman_env.policies.policy_calls import PolicyError, choose, name_of, reset
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
-from pacman_env.ros.grid import grid_of, map_differences
-from pacman_env.ros.messages import (
+from pacman_env.ros.map_comparison import grid_of, map_differences
+from pacman_env.ros.message_conversion import (
     BadMessage,
     Pose,
     Position,

@@ -17,7 +17,7 @@ from rclpy.task import Future
 
 from ...sim.core.navigate_to_pose import Navigation
 from .. import topics
-from ..messages import BadMessage, pose_message, pose_of, seconds_of
+from ..message_conversion import BadMessage, pose_message, pose_of, seconds_of
 from ..node import GameNode
 from ..rclpy_private import start_goal
 from .sim_faults import Faults

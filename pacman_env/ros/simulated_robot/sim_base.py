@@ -9,10 +9,10 @@ from irobot_create_msgs import msg as irobot
 from sensor_msgs.msg import BatteryState
 
 from ...sim.core.docking import LIMIT_S, Dock, Velocities
-from ...sim.core.robot import SimulatedRobot, bumps
+from ...sim.core.robot_simulation import SimulatedRobot, bumps
 from ...world.navigation.localization import Pose
 from .. import topics
-from ..messages import BadMessage, pose_message
+from ..message_conversion import BadMessage, pose_message
 from ..node import GameNode
 from .sim_actions import Server
 

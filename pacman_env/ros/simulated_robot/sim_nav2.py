@@ -6,7 +6,7 @@ from typing import Any
 
 from ...sim.core.navigate_to_pose import Navigation
 from .. import topics
-from ..messages import GHOST_OBSTACLE, points_of, pose_of
+from ..message_conversion import GHOST_OBSTACLE, points_of, pose_of
 from ..node import GameNode
 from .sim_actions import NavigateServer
 from .sim_faults import Faults

@@ -1,7 +1,8 @@
 """Node ``sim_robot``: the simulated robot with the robot's interface, instead of base, lidar, AMCL and Nav2.
 
-It sets the pace of time, receives velocities, poses, lights and faults, and steps the world (``sim/core/robot.py``).
-Without ``navigation`` it is only a TurtleBot 4's base and lidar (``sim_base.py``), for a real Nav2.
+It sets the pace of time, receives velocities, poses, lights and faults, and steps the world
+(``sim/core/robot_simulation.py``). Without ``navigation`` it is only a TurtleBot 4's base and lidar (``sim_base.py``),
+for a real Nav2.
 """
 
 import dataclasses
@@ -17,11 +18,11 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
 from ...sim.core.navigate_to_pose import Navigation
-from ...sim.core.robot import SimulatedRobot
+from ...sim.core.robot_simulation import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine
-from ..messages import BadMessage, pose_of, process_of, started
+from ..message_conversion import BadMessage, pose_of, process_of, started
 from ..node import GameNode, parameter, process_words, run
 from .sim_actions import NotesServer
 from .sim_base import Base, InitialPose

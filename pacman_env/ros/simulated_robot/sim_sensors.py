@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from ...sim.core.robot import SimulatedRobot
+from ...sim.core.robot_simulation import SimulatedRobot
 from ...world.maps.occupancy import OccupancyMap
 from ...world.navigation.localization import Pose, compose, inverse
 from .. import topics
-from ..messages import pose_message, transform_message
+from ..message_conversion import pose_message, transform_message
 
 LIDAR_FRAME, FOOTPRINT_FRAME = "rplidar_link", "base_footprint"
 #: AMCL stamps its transform this far ahead, so that it stays valid until the next one (TurtleBot 4's file).

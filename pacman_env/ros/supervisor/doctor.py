@@ -19,7 +19,7 @@ from pacman_env.ros.game_nodes import full_namespace
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import CheckTime, Observations, Request, Source
-from pacman_env.ros.supervisor.checks.network import CLOCK
+from pacman_env.ros.supervisor.checks.domain import CLOCK
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 WAIT_S = 10.0

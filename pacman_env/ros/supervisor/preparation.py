@@ -1,7 +1,7 @@
 """Processes that prepare a game before its first node starts; imports no compiler.
 
 They check the setup as far as possible, compile code that is not in the cache yet, and prepare the map
-(``warm_up.py``).
+(``prepare_game.py``).
 """
 
 import json
@@ -60,7 +60,7 @@ class Preparation:
 
     def _start(self, work: list[PreparationJob], check: bool) -> Popen[str]:
         request = json.dumps([check, [[job.nodes, job.policy] for job in work]])
-        command = [sys.executable, "-m", "pacman_env.ros.supervisor.warm_up", request, self._setup.as_json()]
+        command = [sys.executable, "-m", "pacman_env.ros.supervisor.prepare_game", request, self._setup.as_json()]
         return Popen(command, stdin=DEVNULL, stdout=PIPE, stderr=PIPE, text=True, start_new_session=True)
 
     def check(self) -> None:

@@ -17,7 +17,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.discovery import publishers
 from pacman_env.ros.game_monitor import MONITORED, NO_RESPONSE, GameMonitor
 from pacman_env.ros.game_nodes import SELECTOR, full_namespace
-from pacman_env.ros.messages import LONGEST_WORD, BadMessage
+from pacman_env.ros.message_conversion import LONGEST_WORD, BadMessage
 from pacman_env.ros.node import ObserverNode, process_words
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.reasons import REMEDIES, SILENCE, SILENT_S

@@ -21,7 +21,7 @@ from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, ticks
-from .ghosts import spawn_ghost
+from .ghost_state import spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 
 from ...world.navigation.localization import Pose, compose, relative, wrap
-from .robot import SimulatedRobot
+from .robot_simulation import SimulatedRobot
 
 # All values are from the Create 3 simulator.
 LIMIT_S = 30.0  # docking and undocking are aborted after this time

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from ...world.navigation.localization import Pose
 from ...world.navigation.navigator import ABORTED, CANCELED, NO_RESULT, SUCCEEDED
-from .robot import SimulatedRobot
+from .robot_simulation import SimulatedRobot
 
 #: Error codes of Nav2 Jazzy's sub-servers, forwarded by the navigator (FollowPath 1xx, ComputePathToPose 2xx).
 NONE = 0

@@ -15,7 +15,7 @@ from ..maps.level_slots import LevelSlots
 from ..maps.level_source import LevelSource
 from ..maps.levels_ahead import LevelsAhead
 from . import kernels
-from .ghosts import Ghosts
+from .ghost_state import Ghosts
 from .parameters import GAME
 from .ticks import TickArrays
 

@@ -18,7 +18,7 @@ from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
 from ..maps.level import level_arrays
 from ..observation.situation import candidate_of
-from . import ghosts, kernels
+from . import ghost_state, kernels
 from .parameters import LAST_DECISION, REWARDS
 
 ASLEEP, ONE_TICK, UNTIL_DUE = range(3)
@@ -53,7 +53,7 @@ class TickArrays(NamedTuple):
     rules: Any = kernels.RuleArrays
     spaces: Any = SpaceArrays
     search: Any = SearchArrays
-    ghosts: Any = Array(np.int64, "n")  # table of ``ghosts.GhostArrays``
+    ghosts: Any = Array(np.int64, "n")  # table of ``ghost_state.GhostArrays``
     rewards: Any = Array(REWARDS, "1")
     control: Any = Array(CONTROL, "1")
     last_decision: Any = Array(LAST_DECISION, "N")
@@ -126,7 +126,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         a.driven[i, g.tick, 0], a.driven[i, g.tick, 1] = a.velocities[i, 0], a.velocities[i, 1]
                     else:
                         kernels.decide(rules, i, choices[i], a.decisions)
-                    if not ghosts.decide(ghost_table, i):
+                    if not ghost_state.decide(ghost_table, i):
                         return -1 - i
                     g.stage = _STEP
                     g.substep = 0
@@ -135,7 +135,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         if g.substep > 0 and g.substep % p.check_steps == 0 and not kernels.observe(rules, i):
                             break
                         if g.step % p.clyde_steps == 0:
-                            ghosts.move(ghost_table, i)
+                            ghost_state.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
                             navigator.plan(g, i, paths, rules.obstacles[i], p, level.plan_end, nav, a.search)
                         if g.substep == 0:  # the last tick already copied the pose at its end
@@ -156,7 +156,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     break
                 if g.end == RUNNING:
                     kernels.finish(rules, i)
-                    ghosts.watch(ghost_table, i)
+                    ghost_state.watch(ghost_table, i)
                 g.stage = BEGIN
                 a.reward[i] += d.factor * kernels.earned(g, a.rewards[0])
                 d.factor *= a.rewards[0].discount

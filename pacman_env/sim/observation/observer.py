@@ -15,8 +15,8 @@ from ...engine.pipeline import Pipeline, Stage
 from ...plugins import PluginError
 from ..core.batch import GameBatch, situation_stage
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
+from .learner_layout import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
 from .robot_features import Observation, unit_scale
-from .rows import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
 from .situation import MISSING, NearestCounts, Situation, candidates_of
 
 

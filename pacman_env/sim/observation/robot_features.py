@@ -320,7 +320,7 @@ TIME = "time"  # column divided by the time limit
 
 
 def unit_scale(columns: Columns, time_limit_s: float) -> NDArray[np.float32]:
-    """Return the scales of columns (2, F) for ``rows.py``: divisors, and c of soft scales (0: linear).
+    """Return the scales of columns (2, F) for ``learner_layout.py``: divisors, and c of soft scales (0: linear).
 
     The first words of the unit decide. Raises KeyError for a unit without a scale.
     """

@@ -7,7 +7,7 @@ import pytest
 from pacman_env.game.events import SOUNDS
 from pacman_env.game.sounds import PATIENCE_S, frequency_hz
 from pacman_env.ros import topics
-from pacman_env.ros.messages import seconds_of
+from pacman_env.ros.message_conversion import seconds_of
 from tests.ros import loudspeaker
 from tests.ros.loudspeaker import Loudspeaker
 from tests.ros.session import Session

@@ -10,9 +10,9 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.ros import topics
-from pacman_env.ros.messages import points_of, pose_of, seconds_of
+from pacman_env.ros.message_conversion import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.sim.core.ghosts import MapGhosts
+from pacman_env.sim.core.ghost_state import MapGhosts
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.ghost_cells import ClydeCells
 from tests.ros.nodes.test_contract import click, pose

@@ -26,7 +26,7 @@ from pacman_env.ros.game_nodes import (
     GameSetup,
     module_of,
 )
-from pacman_env.ros.messages import markers_of, twist_message
+from pacman_env.ros.message_conversion import markers_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from tests.ros import session
 from tests.ros.session import NAMESPACE, Session

@@ -10,7 +10,7 @@ import pytest
 from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import REFEREE
-from pacman_env.ros.messages import markers_of
+from pacman_env.ros.message_conversion import markers_of
 from tests.ros.session import Session
 
 SAID = (

@@ -7,7 +7,7 @@ import pytest
 
 from pacman_env.game.events import FEEDBACK, STAND_S
 from pacman_env.ros import topics
-from pacman_env.ros.messages import seconds_of
+from pacman_env.ros.message_conversion import seconds_of
 from tests.ros.session import Session
 
 NAME = "game_event_mapper"

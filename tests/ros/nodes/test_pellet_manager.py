@@ -5,7 +5,7 @@ import pytest
 from pacman_env.config import PelletConfig
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pellets_of, seconds_of
+from pacman_env.ros.message_conversion import pellets_of, seconds_of
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.session import Session
 

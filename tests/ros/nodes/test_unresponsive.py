@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from pacman_env.game.requests import AGAIN_S, CALLS
+from pacman_env.game.pending_requests import AGAIN_S, CALLS
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import REFEREE
-from pacman_env.ros.messages import markers_of
+from pacman_env.ros.message_conversion import markers_of
 from tests.ros.session import Session
 
 LIMIT_S = 20.0  # simulated

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.ros_game import RosGame
-from pacman_env.web.game import Refused
+from pacman_env.web.game_interface import Refused
 from tests.ros.session import NAMESPACE, Session
 from tests.web.game_contract import Play
 

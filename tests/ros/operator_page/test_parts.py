@@ -18,8 +18,8 @@ from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_page.ros_driving import Wheels
 from pacman_env.ros.operator_page.ros_view import preset_of
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.control import DEAD_MAN_S
-from pacman_env.web.game import MOST_NEWS, News
+from pacman_env.web.game_interface import MOST_NEWS, News
+from pacman_env.web.roles import DEAD_MAN_S
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.session import Session
 from tests.waiting import wait_for

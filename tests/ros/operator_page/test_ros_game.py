@@ -12,11 +12,11 @@ from rclpy.action import CancelResponse
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
-from pacman_env.web import messages
-from pacman_env.web.game import Refused
+from pacman_env.web import page_messages
+from pacman_env.web.game_interface import Refused
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros import session
 from tests.ros.operator_page.page_game import EXTRA, HOME, MAP, POLICY, SETTINGS, PageGame, start_page
@@ -39,7 +39,7 @@ def whole(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pag
 def game(whole: PageGame) -> PageGame:
     whole.release()
     whole.page.watch(why=False, lidar=False)
-    whole.handle(messages.Arm(on=False))
+    whole.handle(page_messages.Arm(on=False))
     return whole
 
 
@@ -66,14 +66,14 @@ def test_jumped_pose_is_alert_until_it_is_answered(game: PageGame) -> None:
     assert (alert["kind"], alert["asks"]) == ("pose jumped", True)
     assert alert["words"].startswith("pose jumped 1.")
     assert any("pose jumped" in words for words in game.heard("words", after))
-    game.handle(messages.Continue())
+    game.handle(page_messages.Continue())
     game.wait(lambda: not alerts(), "its end")
     with pytest.raises(Refused, match="nothing to confirm"):
-        game.handle(messages.Continue())
+        game.handle(page_messages.Continue())
     game.session.publish(FAULT, "end pose_jump")
     game.wait(alerts, "the alert")
     x, y, heading = game.frame.true
-    game.handle(messages.SetPose(x=x, y=y, heading=heading))
+    game.handle(page_messages.SetPose(x=x, y=y, heading=heading))
     game.wait(lambda: not alerts(), "its end")
 
 
@@ -126,9 +126,9 @@ def test_stop_ends_motions_of_base(game: PageGame) -> None:
 
 
 def test_driving_by_hand_needs_menu_and_release(game: PageGame) -> None:
-    turn = messages.Drive(v=0.0, omega=9.0)
+    turn = page_messages.Drive(v=0.0, omega=9.0)
     game.menu()
-    game.handle(messages.Role(role="robot"))
+    game.handle(page_messages.Role(role="robot"))
     game.wait(lambda: game.handle(turn) or game.frame.velocity[1] > 1.0, "a turn")
     assert game.frame.velocity[1] < 2.0
     game.wait(lambda: game.stands, "the dead man's time")
@@ -136,7 +136,7 @@ def test_driving_by_hand_needs_menu_and_release(game: PageGame) -> None:
     with pytest.raises(Refused, match="stopped by guest-2"):
         game.handle(turn)
     game.release()
-    game.handle(messages.Start())
+    game.handle(page_messages.Start())
     game.wait(lambda: game.frame.state != "menu", "the start")
     with pytest.raises(Refused, match="the game drives"):
         game.handle(turn)
@@ -149,27 +149,27 @@ def test_settings_change_or_are_refused_with_reason(game: PageGame) -> None:
         "robot",
         {"clyde.speed_mps": 0.02, "show.start_s": 1, "show.death_s": 1},
     )
-    game.handle(messages.ClydeSpeed(mps=0.03))
+    game.handle(page_messages.ClydeSpeed(mps=0.03))
     game.wait(lambda: game.page.scene().facts["clyde_speed_mps"] == pytest.approx(0.03), "the speed")
-    game.handle(messages.Setup(policy="lookahead", second="nearest"))
+    game.handle(page_messages.Setup(policy="lookahead", second="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "lookahead", "the policy")
-    game.handle(messages.Setup(policy="nearest"))
+    game.handle(page_messages.Setup(policy="nearest"))
     game.wait(lambda: game.page.scene().facts["policy"] == "nearest", "the policy")
     for message, words in (
-        (messages.Setup(map="house"), "only the policy"),
-        (messages.PlaceClyde(x=500.0, y=0.0), "wide enough"),
-        (messages.PlaceClyde(x=0.0, y=0.0, ghost=1), "only Clyde"),
-        (messages.Pause(on=True), "STOP"),
-        (messages.Speed(times=2), "--speed"),
-        (messages.Role(role="ghost-0"), "ghosts"),
-        (messages.Goal(candidate=1), "arrow keys"),
-        (messages.Why(story=1, tick=1), "record"),
+        (page_messages.Setup(map="house"), "only the policy"),
+        (page_messages.PlaceClyde(x=500.0, y=0.0), "wide enough"),
+        (page_messages.PlaceClyde(x=0.0, y=0.0, ghost=1), "only Clyde"),
+        (page_messages.Pause(on=True), "STOP"),
+        (page_messages.Speed(times=2), "--speed"),
+        (page_messages.Role(role="ghost-0"), "ghosts"),
+        (page_messages.Goal(candidate=1), "arrow keys"),
+        (page_messages.Why(story=1, tick=1), "record"),
     ):
         with pytest.raises(Refused, match=words):
             game.handle(message)
     with pytest.raises(Refused, match="map"):
         game.page.add_map("mine", "", b"")
-    assert game.handle(messages.Stories()) == []
+    assert game.handle(page_messages.Stories()) == []
 
 
 def test_page_without_game_keeps_map_of_robot(domain: int, tmp_path: Path) -> None:
@@ -220,7 +220,7 @@ def test_page_tells_that_referee_is_gone(game: PageGame) -> None:
     game.session.kill("game_controller")
     game.wait(lambda: any("the game is gone" in words for words in game.heard("words", after)), "its end to be said")
     with pytest.raises(Refused, match="game_controller"):
-        game.handle(messages.Start())
+        game.handle(page_messages.Start())
     game.stop()  # works all the same
     game.wait(lambda: game.frame.stopped, "the stop")
     game.release()

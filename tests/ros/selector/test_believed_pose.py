@@ -6,7 +6,7 @@ from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import BadMessage, pose_message, transform_message
+from pacman_env.ros.message_conversion import BadMessage, pose_message, transform_message
 from pacman_env.ros.selector.believed_pose import BelievedPose
 
 

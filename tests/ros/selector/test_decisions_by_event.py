@@ -17,7 +17,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.game.goals import ExecutorAction
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import surroundings, topics
-from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message
 from pacman_env.ros.node import Once
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.selection import Selection

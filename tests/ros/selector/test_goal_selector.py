@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
-from pacman_env.ros.messages import pose_message, seconds_of
+from pacman_env.ros.message_conversion import pose_message, seconds_of
 from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_of_slot, pellet, slot_of
 
 

@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR, module_of
-from pacman_env.ros.messages import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message
 from tests.ros.scripted_nav2 import ScriptedNav2
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet
 from tests.ros.system import Probe, System

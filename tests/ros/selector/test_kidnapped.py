@@ -7,7 +7,7 @@ import math
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_message
+from pacman_env.ros.message_conversion import pose_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.played_round import Played

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import transform_message
+from pacman_env.ros.message_conversion import transform_message
 from pacman_env.ros.selector.nav2_failures import error_words
 from tests.ros.played_round import Played
 from tests.ros.selector_game import Game, pellet

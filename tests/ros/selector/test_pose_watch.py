@@ -6,7 +6,7 @@ import pytest
 from builtin_interfaces.msg import Time
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import Pose, transform_message
+from pacman_env.ros.message_conversion import Pose, transform_message
 from pacman_env.ros.selector.believed_pose import BelievedPose
 from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
 from pacman_env.ros.selector.reasons import POSE_JUMPED, POSE_LOST

@@ -9,7 +9,7 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
-from pacman_env.ros.messages import markers_of, transform_message
+from pacman_env.ros.message_conversion import markers_of, transform_message
 from pacman_env.ros.node import GameNode
 from pacman_env.ros.selector.reasons import GHOST_LOST
 from tests.ros.selector_game import FAR_AWAY, Game, pellet

@@ -7,7 +7,7 @@ from action_msgs.msg import GoalStatus
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SIMULATOR
-from pacman_env.ros.messages import pose_message, pose_of, twist_message
+from pacman_env.ros.message_conversion import pose_message, pose_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from tests.ros.session import Session
 from tests.sim.robots import RIGHT, rooms

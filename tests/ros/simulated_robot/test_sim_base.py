@@ -9,7 +9,7 @@ import pytest
 from irobot_create_msgs import msg as irobot
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_of, seconds_of
+from pacman_env.ros.message_conversion import pose_of, seconds_of
 from pacman_env.ros.simulated_robot.sim_robot import FAULT, FAULTS_NOW
 from pacman_env.world.navigation.localization import relative
 from tests.ros.simulated_robot.driven import ABORTED, EXACT, SUCCEEDED, Robot

@@ -13,7 +13,7 @@ from irobot_create_msgs.msg import AudioNote, AudioNoteVector, LedColor, Lightri
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import cloud_message, pose_message, pose_of, seconds_of, twist_message
+from pacman_env.ros.message_conversion import cloud_message, pose_message, pose_of, seconds_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
 from pacman_env.sim.core import navigate_to_pose as nav
 from tests.ros.simulated_robot.driven import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pacman_env.ros.game_nodes import GAME, SELECTOR, SIMULATOR
-from pacman_env.ros.grid import Grid
+from pacman_env.ros.map_comparison import Grid
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, CheckTime, Finding, Observations, Source
+from pacman_env.ros.supervisor.checks.domain import CLOCK, STAMPS, Clock, Delays
 from pacman_env.ros.supervisor.checks.game import (
     ARRIVALS,
     CLOUDS,
@@ -21,7 +22,6 @@ from pacman_env.ros.supervisor.checks.game import (
     STATES,
     UNRESPONSIVE,
 )
-from pacman_env.ros.supervisor.checks.network import CLOCK, STAMPS, Clock, Delays
 from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED, GRID, LINKS, POSE, SCANS, Link, ScanTally
 from pacman_env.world.maps.occupancy import load_map
 

@@ -18,7 +18,7 @@ from rclpy.time import Time
 from std_srvs.srv import Trigger
 
 from pacman_env.ros import topics
-from pacman_env.ros.messages import pose_message, transform_message
+from pacman_env.ros.message_conversion import pose_message, transform_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.ros.supervisor.checks import CHECKS, examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Source

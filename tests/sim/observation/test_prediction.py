@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.robot import SimulatedRobot, place
+from pacman_env.sim.core.robot_simulation import SimulatedRobot, place
 from pacman_env.sim.observation.prediction import (
     APPROACHED,
     CAUGHT,

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from pacman_env.engine.arrays import Table, address, zeros
+from pacman_env.sim.observation.learner_layout import BY_UNIT, PART, RowArrays, write_rows
 from pacman_env.sim.observation.robot_features import (
     CANDIDATE_COLUMNS,
     CLYDE_COLUMNS,
@@ -24,7 +25,6 @@ from pacman_env.sim.observation.robot_features import (
     unit_scale,
 )
 from pacman_env.sim.observation.robot_features import COLUMNS as ALL_COLUMNS
-from pacman_env.sim.observation.rows import BY_UNIT, PART, RowArrays, write_rows
 from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import random_situation
 

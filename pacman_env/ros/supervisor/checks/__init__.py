@@ -5,11 +5,11 @@ from collections.abc import Iterable, Sequence
 
 from pacman_env.ros.text import plain
 
-from . import game, network, robot
+from . import domain, game, robot
 from .check import BAD, UNKNOWN, Finding, Observations
 
 #: Checks in the order in which faults should be remedied.
-CHECKS = (*network.CHECKS, *robot.CHECKS, *game.CHECKS)
+CHECKS = (*domain.CHECKS, *robot.CHECKS, *game.CHECKS)
 _NO_ROBOT = Finding(
     *("robot", "Is there a robot?", UNKNOWN, "no other check is possible without a robot", "see above"), settled=False
 )

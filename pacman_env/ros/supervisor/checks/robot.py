@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...grid import differing_cells, grid_of, map_differences
+from ...map_comparison import differing_cells, grid_of, map_differences
 from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, monitored, newest, seconds
-from .network import CLOCK, STAMPS, by_clock
+from .domain import CLOCK, STAMPS, by_clock
 
 FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
@@ -130,7 +130,7 @@ class Link(NamedTuple):
 
 
 def _add_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
-    from pacman_env.ros.messages import transform_of
+    from pacman_env.ros.message_conversion import transform_of
 
     links = previous or {}
     for transform in message.transforms:

@@ -1,0 +1,53 @@
+"""Choose the executor of a command by its options ``--workers`` and ``--ray``."""
+
+import argparse
+from typing import Any
+
+from pacman_env.command_line.command import whole_number
+from pacman_env.engine.cores import cores
+
+from .executor import Executor, InProcess
+
+_OPTIONS = ("workers", "ray")
+_LOCAL = "local"
+
+
+def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that :func:`executor_of` reads."""
+    parser.add_argument(
+        "--workers", type=whole_number(0), default=1, metavar="N", help="processes; 0: one for each core (1)"
+    )
+    parser.add_argument(
+        "--ray",
+        nargs="?",
+        const=_LOCAL,
+        metavar="ADDRESS",
+        help="play on the Ray cluster of this address; without one, on a cluster of this machine with N workers",
+    )
+
+
+def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments without the executor's options, which do not affect results."""
+    return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
+
+
+def executor_of(arguments: argparse.Namespace) -> Executor:
+    """Create the executor, which the caller must close.
+
+    Raises ModuleNotFoundError if Ray is required but not installed, and ConnectionError if no cluster answers.
+    """
+    if arguments.ray is None:
+        return local(arguments.workers)
+    from .ray_cluster import RayCluster
+
+    return RayCluster(None if arguments.ray == _LOCAL else arguments.ray, arguments.workers or cores())
+
+
+def local(workers: int) -> Executor:
+    """Return an executor on this machine: in this process for one worker, otherwise processes (0: one per core)."""
+    workers = workers or cores()
+    if workers == 1:
+        return InProcess()
+    from .process_pool import LocalProcesses
+
+    return LocalProcesses(workers)

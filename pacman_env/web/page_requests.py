@@ -1,0 +1,115 @@
+"""Check who may send a message to the game, and let the game handle it in a separate thread."""
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from typing import Any, TypeVar
+
+from pacman_env.web import page_messages
+from pacman_env.web.game_interface import Game, Refused
+from pacman_env.web.page_messages import Message, as_json
+from pacman_env.web.roles import ROBOT, RoleControl
+from pacman_env.web.viewers import Viewer
+
+MOST_THREADS = 32  # requests that wait for the game
+STOPPED_AGAIN = "stopped again meanwhile"
+#: Messages that operators may send without control; other messages that are not for everyone need control.
+_FREE = (page_messages.Control, page_messages.Role, page_messages.Goal, page_messages.Drive)
+T = TypeVar("T")
+
+
+async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
+    """Return the result of ``work`` from a daemon thread, which does not keep the process alive."""
+    result: Future[T] = Future()
+    result.set_running_or_notify_cancel()
+
+    def run() -> None:
+        try:
+            result.set_result(work(*arguments))
+        except BaseException as error:
+            result.set_exception(error)
+
+    async with limit:
+        threading.Thread(target=run, name="web", daemon=True).start()
+        return await asyncio.wrap_future(result)
+
+
+class RequestHandler:
+    def __init__(self, game: Game):
+        self.control = RoleControl()
+        self.stops = 0  # number of stops from all people
+        # The game is never called in the thread of the connections, because any call may take long.
+        self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
+        self._game = game
+
+    async def carry_out(self, viewer: Viewer, message: Message, stops: int) -> None:
+        """Handle a message and answer it; a refused message changes nothing.
+
+        ``stops`` is the number of stops that had arrived before the message.
+        """
+        name, on_robot = viewer.name, self._game.source == "ros"
+        if not isinstance(message, (*page_messages.FOR_ALL, *_FREE)):
+            self.control.take(name)
+        match message:
+            case page_messages.Role():
+                await self._change_role(viewer, message)
+                return
+            case page_messages.Control(what=what):
+                getattr(self.control, what)(name)
+                if what == "give" and on_robot and self.control.roles.of(name) == ROBOT:
+                    self.control.roles.leave(name)
+                    await self.in_thread(self._game.handle, name, page_messages.Role(role="none"))
+                viewer.answer(message)
+                return
+            case page_messages.Release():
+                await self._release(name, stops)
+                viewer.answer(message)
+                return
+            case page_messages.Drive() if self.control.roles.of(name) != ROBOT:
+                raise Refused("choose the robot's role in the tab Play first")
+            case page_messages.Goal() if self.control.roles.of(name) is None:
+                raise Refused("choose a role in the tab Play first")
+            case page_messages.Goal() | page_messages.Drive() if on_robot and self.control.roles.of(name) == ROBOT:
+                self.control.take(name)
+        await self._handle(viewer, message)
+
+    async def _handle(self, viewer: Viewer, message: Message) -> None:
+        """Let the game handle a message; the answer, which may be long, is encoded in the same thread."""
+
+        def handle() -> str:
+            data = self._game.handle(viewer.name, message)
+            answer = {"kind": "answer", "id": message.id, "ok": True, "words": "", "data": data}
+            return as_json(answer) if message.id else ""
+
+        if answer := await self.in_thread(handle):
+            viewer.outbox.put_text(answer)
+
+    async def _release(self, name: str, stops: int) -> None:
+        """Release the robot, unless a stop arrives meanwhile: a later stop wins, whichever reaches the game first."""
+        if stops != self.stops:
+            raise Refused(STOPPED_AGAIN)
+        await self.in_thread(self._game.release, name)
+        if stops != self.stops:
+            await self.in_thread(self._game.stop, name)
+            raise Refused(STOPPED_AGAIN)
+
+    async def _change_role(self, viewer: Viewer, message: page_messages.Role) -> None:
+        name, roles = viewer.name, self.control.roles
+        before = roles.of(name)
+        if message.role == ROBOT and self._game.source == "ros":
+            self.control.take(name)
+        if message.role == "none":
+            roles.leave(name)
+        else:
+            roles.assume(name, message.role)
+        try:
+            await self._handle(viewer, message)
+        except Exception:
+            roles.leave(name)
+            if before is not None:
+                with contextlib.suppress(Refused):
+                    roles.assume(name, before)
+            raise
