@@ -25,7 +25,7 @@ from pacman_env.evaluation.templates import render
 from pacman_env.files import prepare, replaced, write_text
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.game.goals import goal_name
 from pacman_env.policies.asking import choose, reset
 from pacman_env.policies.base import KIND_NAMES

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ..config import Config
+from .ends import CAUGHT, CLEARED, COMPLETE, RUNNING
 from .power import frighten, ghost_points, is_away, is_frightened, send_away
 
 NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # action for Nav2's goal
 REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: not accepted by Nav2
-RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellets left, but some were lost
 _ROUNDING_M = 1e-9
 
 
@@ -186,7 +186,7 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
             if not within(x - ghosts[k, 0], y - ghosts[k, 1], p.death) or is_away(ghosts[k], now):
                 continue
             if not is_frightened(ghosts[k], now):
-                s.end = DEAD
+                s.end = CAUGHT
                 s.catcher = k
                 break
             send_away(ghosts[k], now + p.return_time)

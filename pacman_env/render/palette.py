@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple
 
-from ..game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from ..game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 
 Colour = tuple[int, int, int]
 Theme = Literal["light", "dark"]
@@ -45,7 +45,7 @@ THEMES: dict[Theme, Palette] = {"light": LIGHT, "dark": DARK}
 #: Text, background colour and text colour for each state of a game.
 STATES: dict[int, tuple[str, Colour, Colour]] = {
     RUNNING: ("RUNNING", (46, 125, 50), (255, 255, 255)),
-    DEAD: ("CAUGHT", (200, 32, 32), (255, 255, 255)),
+    CAUGHT: ("CAUGHT", (200, 32, 32), (255, 255, 255)),
     COMPLETE: ("COMPLETE", (255, 214, 0), (30, 30, 30)),
     CLEARED: ("CLEARED", (240, 200, 120), (30, 30, 30)),
     TIMEOUT: ("TIME-OUT", (112, 118, 132), (255, 255, 255)),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import allowed
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.asking import PolicyError, choose

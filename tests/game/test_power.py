@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import PowerConfig, make_config
-from pacman_env.game.execution import CHECK, DEAD, Board, Execution, rules, transition
+from pacman_env.game.ends import CAUGHT
+from pacman_env.game.execution import CHECK, Board, Execution, rules, transition
 from pacman_env.game.power import (
     AWAY_UNTIL,
     HARMLESS_UNTIL,
@@ -79,7 +80,7 @@ def test_frightened_ghosts_are_caught_one_after_the_other_for_doubled_points() -
     game.check((3.0, 9.0), (3.0, 9.0), later=4.0)  # it is still away
     assert (game.record.caught, game.record.end) == (2, 0)
     game.check((3.0, 9.0), (3.0, 9.0), later=1.0)  # it has started again, and is frightened no more
-    assert (game.record.end, game.record.catcher) == (DEAD, 0)
+    assert (game.record.end, game.record.catcher) == (CAUGHT, 0)
 
 
 def test_power_pellet_protects_from_the_ghost_next_to_it() -> None:
@@ -130,7 +131,7 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
             assert ghost[HARMLESS_UNTIL] <= game.now + max(game.power.duration_s, game.power.return_s)
         if over:
             assert game.score == before  # nothing counts after the end
-        if game.record.end == DEAD and not over:
+        if game.record.end == CAUGHT and not over:
             assert not was_harmless[game.record.catcher]
             assert new_power == 0
         catches = game.record.caught - caught

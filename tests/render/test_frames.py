@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.game.power import FRIGHTENED
 from pacman_env.render import symbols
 from pacman_env.render.frames import MapView, map_view, render_frame
@@ -218,7 +218,7 @@ def test_header_alone_shows_end_numbers_and_title() -> None:
         np.testing.assert_array_equal(before[HEADER:], after[HEADER:])
         return after[:HEADER]
 
-    for end in (DEAD, COMPLETE, CLEARED, TIMEOUT):
+    for end in (CAUGHT, COMPLETE, CLEARED, TIMEOUT):
         batch.games["end"] = end
         assert (header() == STATES[end][1]).all(axis=-1).any()
         assert not (header() == STATES[RUNNING][1]).all(axis=-1).any()

@@ -39,11 +39,11 @@ from numpy.typing import NDArray
 
 from pacman_env.episodes.statistics import Interval, bootstrapped_mean, paired_difference, wilson
 from pacman_env.evaluation.rounds.play import Played
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, TIMEOUT
 
 SCHEMA = 3
 Row = dict[str, Any]
-ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
+ENDS = {COMPLETE: "C", CLEARED: "L", CAUGHT: "D", TIMEOUT: "T"}
 LEAST_ROUNDS = 4  # least rounds of a level or map that counts for the worst tenth
 _DRAWS = 0  # the same seed for each bootstrap, so that only rounds cause differences
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
@@ -148,7 +148,7 @@ def _rate(name: str, which: NDArray[np.bool_]) -> Row:
 
 def _ends(records: NDArray) -> Row:
     return {
-        **_rate("death", records["end"] == DEAD),
+        **_rate("death", records["end"] == CAUGHT),
         "timeout_rate": float((records["end"] == TIMEOUT).mean()),
         "cleared_rate": float((records["end"] == CLEARED).mean()),
     }

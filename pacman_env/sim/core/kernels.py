@@ -8,20 +8,8 @@ import numpy as np
 from ...engine.arrays import Array
 from ...engine.jit import kernel
 from ...game.decisions import decision_due
-from ...game.execution import (
-    CANCEL,
-    CHECK,
-    CHOICE,
-    NO_CHOICE,
-    RESULT,
-    RUNNING,
-    SEND,
-    TIMEOUT,
-    Board,
-    closing_speed,
-    goal_of,
-    transition,
-)
+from ...game.ends import RUNNING, TIMEOUT
+from ...game.execution import CANCEL, CHECK, CHOICE, NO_CHOICE, RESULT, SEND, Board, closing_speed, goal_of, transition
 from ...game.ghosts import ghost_stream, spawn
 from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_harmless
 from ...game.reward import reward
