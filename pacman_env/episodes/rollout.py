@@ -32,7 +32,7 @@ EPISODE = np.dtype(
     [
         ("seed", np.uint64),
         ("level", np.int64),  # level number, 0 with one map
-        ("end", np.int64),  # CAUGHT, COMPLETE, CLEARED or TIMEOUT
+        ("end", np.int64),  # code of game/ends.py
         ("rounds", np.int64),  # completed rounds
         ("spawned", np.int64),  # in one round
         ("collected", np.int64),  # in all rounds
