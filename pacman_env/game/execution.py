@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from ..config import Config
 from .ends import CAUGHT, CLEARED, COMPLETE, RUNNING
-from .power import frighten, ghost_points, is_away, is_frightened, send_away
+from .power import frighten, is_away, is_frightened, score_ghost, score_pellet, send_away
 
 NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # action for Nav2's goal
@@ -190,9 +190,9 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
                 s.catcher = k
                 break
             send_away(ghosts[k], now + p.return_time)
-            s.bonus += ghost_points(p.ghost_points, s.streak)
+            points, s.streak = score_ghost(s.streak, p.ghost_points)
+            s.bonus += points
             s.caught += 1
-            s.streak += 1
     if s.end != RUNNING:
         s.pursued = NO_CHOICE
         return CANCEL
@@ -203,11 +203,11 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
 def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
     board.left[slot] = False
     s.collected += 1
+    points, s.streak = score_pellet(s.streak, board.power[slot], p.power_points)
+    s.bonus += points - 1
     if board.power[slot]:
         frighten(board.ghosts, now + s.fright_time, now)
-        s.bonus += p.power_points - 1
         s.power += 1
-        s.streak = 0
     if s.pursued == slot:
         s.pursued = NO_CHOICE
 

@@ -153,5 +153,6 @@ _ENDLESS_MEANING = (
     "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
     " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game;"
     f" {ENDS[CAUGHT].name}, {_CLEARED.name} ({_CLEARED.meaning}), {ENDS[TIMEOUT].name} (of a round): how games"
-    " ended, in %; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
+    " ended, in %; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus"
+    " those of"
 )
