@@ -200,12 +200,11 @@ def _columns(kind: type[IntEnum], first: int = 0, prefix: str = "") -> list[list
 
 
 def _global_columns() -> list[list[str]]:
-    rows, names = _columns(GlobalColumn), [f"`{name}`" for name in BELIEVED[:OTHER]]
-    told_apart = f"{', '.join(names[:-1])} and {names[-1]}"
+    rows = _columns(GlobalColumn)
     for k in range(GHOST_TOKENS):
         rows += _columns(TokenColumn, len(rows), f"ghost_{k}_")
         for name in BELIEVED[1:]:
-            what = f"the behaviour `{name}`" if name != BELIEVED[OTHER] else f"a behaviour other than {told_apart}"
+            what = "any other behaviour" if name == BELIEVED[OTHER] else f"the behaviour `{name}`"
             rows.append([str(len(rows)), f"`ghost_{k}_{name}`", f"probability of {what}"])
     return rows
 

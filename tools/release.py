@@ -1,10 +1,9 @@
 """Set the version of a release: ``python -m tools.release 0.24.0``.
 
-The version is in ``pacman_env/_version.py``. This command writes it there, and with today's date into the files in
-which other programs look for it.
+The version is in ``pacman_env/_version.py``. This command writes it there, and with today's date into the files where
+other programs look for it.
 """
 
-import argparse
 import datetime
 import re
 import sys
@@ -17,26 +16,21 @@ from tools.common import ROOT, update
 
 def texts(version: str, date: str) -> Iterator[tuple[Path, str]]:
     """Yield the files that contain the version, and their texts for a version and its date."""
-    heading, known = f"## [{version}] - {date}", rf"## \[{re.escape(version)}\] - .*"
-    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    new = (known, heading) if re.search(known, changes) else (r"## \[Unreleased\]", f"## [Unreleased]\n\n{heading}")
+    top, heading = r"## \[Unreleased\]", f"## [{version}] - {date}"
     for name, pattern, words in (
         ("pacman_env/_version.py", "__version__ = .*", f'__version__ = "{version}"'),
         ("package.xml", "<version>.*</version>", f"<version>{version}</version>"),
         ("CITATION.cff", "\nversion: .*\ndate-released: .*", f"\nversion: {version}\ndate-released: {date}"),
-        ("CHANGELOG.md", *new),
+        ("CHANGELOG.md", rf"{top}(\n\n## \[{version}\].*)?", f"## [Unreleased]\n\n{heading}"),
     ):
         yield ROOT / name, re.sub(pattern, words, (ROOT / name).read_text(encoding="utf-8"), count=1)
-
-
-def _write(arguments: argparse.Namespace) -> int:
-    return max(update(*file, False, "") for file in texts(arguments.version, str(datetime.date.today())))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.release", description="Write the version of a release into all files.")
     parser.add_argument("version", metavar="X.Y.Z")
-    return run_command(parser, argv, _write)
+    today = str(datetime.date.today())
+    return run_command(parser, argv, lambda given: max(update(*one, False, "") for one in texts(given.version, today)))
 
 
 if __name__ == "__main__":

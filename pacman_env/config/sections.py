@@ -23,9 +23,7 @@ class RobotConfig(Checked, group="robot"):
     radius_m: Positive = setting(0.171, "body (Create 3)")
     mass_kg: Positive = setting(3.945, "TurtleBot 4 Standard")
     inscribed_radius_m: Positive = setting(0.186, "Nav2 footprint of the experiment with padding")
-    speed_mps: Positive = setting(
-        0.285, "commanded forward speed: 0.26 m/s from pose to pose on long ways, as in the logs (0.25 to 0.265) [M]"
-    )
+    speed_mps: Positive = setting(0.285, "commanded speed; on long ways 0.26 m/s from pose to pose, as in the logs [M]")
     wheel_speed_mps: Positive = setting(0.306, "limit of each wheel (Create 3, safety on)")
     omega_radps: Positive = setting(1.9, "Create 3")
     wheel_acceleration_mps2: Positive = setting(0.9, "Create 3")

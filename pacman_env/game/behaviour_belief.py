@@ -7,23 +7,13 @@ the chosen branch. Without a fork, a move towards the robot carries no informati
 (``other``) may turn and stand.
 """
 
-from typing import NamedTuple
-
-
-class Believed(NamedTuple):
-    """Constants of a behaviour."""
-
-    prior: float  # probability before the first move
-    stands: float  # likelihood of standing ...
-    arrived: float  # ... and of standing near the robot, where a chaser cannot come nearer
-
-
-#: The behaviours that are told apart. A ghost with any other behaviour, also with a new one, shows as ``other``.
+#: The behaviours that are told apart, each with its prior, its likelihood of standing, and the same near the robot,
+#: where a chaser cannot come nearer. A ghost with any other behaviour, such as a new one, shows as ``other``.
 _BELIEVED = {
-    "wander": Believed(0.55, 0.02, 0.02),
-    "arcade": Believed(0.15, 0.5, 0.5),
-    "chase": Believed(0.2, 0.1, 0.5),
-    "other": Believed(0.1, 0.5, 0.5),
+    "wander": (0.55, 0.02, 0.02),
+    "arcade": (0.15, 0.5, 0.5),
+    "chase": (0.2, 0.1, 0.5),
+    "other": (0.1, 0.5, 0.5),
 }
 BELIEVED = tuple(_BELIEVED)
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))

@@ -24,9 +24,6 @@ ENDS = (
     End("running", "running", "the round is not over", "", "", "", (46, 125, 50), _WHITE),
     End("caught", "caught", "caught", "D", "death", "#D55E00", (200, 32, 32), _WHITE),
     End("complete", "complete", "all pellets collected", "C", "completion", "#0072B2", (255, 214, 0), _BLACK),
-    End(
-        *("cleared", "cleared", "no pellet left, but some lost to aborted goals"),
-        *("L", "cleared", "#CC79A7", (240, 200, 120), _BLACK),
-    ),
+    End("cleared", "cleared", "no pellet left, but some lost", "L", "cleared", "#CC79A7", (240, 200, 120), _BLACK),
     End("timeout", "time limit", "time limit reached", "T", "timeout", "#F0E442", (112, 118, 132), _WHITE),
 )

@@ -35,7 +35,7 @@ class Execution:
     power: int = 0  # collected power pellets, which are among ``collected``
     caught: int = 0  # ghosts that the robot caught
     streak: int = 0  # ghosts caught since the last power pellet
-    bonus: int = 0  # points beyond one for each collected pellet
+    score: int = 0  # points; in the simulator, over all rounds of an endless game
     end: int = RUNNING
     catcher: int = -1  # number of the ghost that caught the robot, -1: none
 
@@ -191,7 +191,7 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
                 break
             send_away(ghosts[k], now + p.return_time)
             points, s.streak = score_ghost(s.streak, p.ghost_points)
-            s.bonus += points
+            s.score += points
             s.caught += 1
     if s.end != RUNNING:
         s.pursued = NO_CHOICE
@@ -204,7 +204,7 @@ def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
     board.left[slot] = False
     s.collected += 1
     points, s.streak = score_pellet(s.streak, board.power[slot], p.power_points)
-    s.bonus += points - 1
+    s.score += points
     if board.power[slot]:
         frighten(board.ghosts, now + s.fright_time, now)
         s.power += 1

@@ -1,7 +1,4 @@
-"""The colours of frames, for each theme.
-
-The colours of ghosts are in :mod:`pacman_env.game.ghosts`, those of the ends of rounds in :mod:`pacman_env.game.ends`.
-"""
+"""The colours of frames, for each theme. :mod:`pacman_env.game` has those of ghosts and of the ends of rounds."""
 
 from typing import Literal, NamedTuple
 

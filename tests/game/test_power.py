@@ -44,10 +44,6 @@ class Game:
         board = Board(PELLETS, self.ghosts, self.left, POWER, np.zeros(9), np.zeros(9, np.int64))
         transition(self.record, CHECK, 0, at, self.now, False, board, self.rules)
 
-    @property
-    def score(self) -> int:
-        return self.record.collected + self.record.bonus
-
 
 @given(st.lists(PLACES, min_size=1, max_size=30, unique=True), PLACES, st.integers(0, 6))
 def test_power_pellets_are_as_far_from_home_and_each_other_as_any_next_choice(

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 
 from pacman_env.evaluation.rounds.summary import Row
-from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT, End
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
 WIDTH = 136  # columns of text; fits the table unless names are long
 _NAME_WIDTH = 22
@@ -117,18 +117,15 @@ def _difference(row: Row, first: bool) -> str:
     return "-" if first else with_interval(row["paired_difference"], row["paired_ci"], "+", text)
 
 
-def _share(end: End) -> _Cell:
-    return lambda row: percent(row[f"{end.field}_rate"])
-
-
 _COMPLETE, _CLEARED = ENDS[COMPLETE], ENDS[CLEARED]
+_FAILED = ENDS[CAUGHT], _CLEARED, ENDS[TIMEOUT]
 _CAUGHT = "ghosts"  # column of the ghosts caught
 _POLICY: dict[str, _Cell] = {"policy": lambda row: short_name(row["policy"])}
 _GHOSTS: dict[str, _Cell] = {
     _CAUGHT: lambda row: with_interval(row["ghosts_caught_mean"], row["ghosts_caught_ci"], text=_number),
 }
 _ENDS: dict[str, _Cell] = {
-    **{ENDS[code].name: _share(ENDS[code]) for code in (CAUGHT, CLEARED, TIMEOUT)},
+    **{end.name: lambda row, end=end: percent(row[f"{end.field}_rate"]) for end in _FAILED},
     "time s": lambda row: f"{row['time_mean_s']:.1f}",
     "p50 ms": lambda row: f"{row['decision_ms_p50']:.3f}",
     "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
@@ -146,13 +143,12 @@ _ENDLESS: dict[str, _Cell] = {
 }
 _ROUND_MEANING = (
     f"Rates in %, with 95 % intervals. {_COMPLETE.name}: {_COMPLETE.meaning}; all but one: at most one not collected;"
-    f" pellets: mean collected; {_CLEARED.name}: {_CLEARED.meaning}; time: mean of all"
-    " episodes; p50, p99: one decision, policy only; difference: completion minus that of"
+    f" pellets: mean collected; {_CLEARED.name}: {_CLEARED.meaning}; time: mean of all episodes;"
+    " p50, p99: one decision, policy only; difference: completion minus that of"
 )
 _ENDLESS_MEANING = (
     "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
     " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game;"
-    f" {ENDS[CAUGHT].name}, {_CLEARED.name} ({_CLEARED.meaning}), {ENDS[TIMEOUT].name} (of a round): how games"
-    " ended, in %; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus"
-    " those of"
+    f" {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; {_CLEARED.name}: {_CLEARED.meaning}"
+    "; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
 )

@@ -83,8 +83,7 @@ class TokenColumn(enum.IntEnum):
     SPEED = enum.auto()  # speed in this round / 0.5 m/s
 
 
-#: The first behaviour has no column, because its probability follows from the others.
-TOKEN_FEATURES = (*(column.name.lower() for column in TokenColumn), *BELIEVED[1:])
+TOKEN_FEATURES = (*(column.name.lower() for column in TokenColumn), *BELIEVED[1:])  # the first follows from the others
 CANDIDATE_FEATURES = tuple(column.name.lower() for column in CandidateColumn)
 GLOBAL_FEATURES = (
     *(column.name.lower() for column in GlobalColumn),
