@@ -70,9 +70,9 @@ def test_fright_is_shorter_in_each_round_down_to_a_least_time(round: int, expect
 def test_frightened_ghosts_are_caught_one_after_the_other_for_doubled_points() -> None:
     game = Game()
     game.check((2.0, 0.0))
-    assert (game.record.power, game.score) == (1, 5)
+    assert (game.record.power, game.record.score) == (1, 5)
     game.check((3.0, 9.0), (3.0, 9.0), (3.1, 9.0), later=1.0)
-    assert (game.record.caught, game.score, game.record.end) == (2, 5 + 20 + 40, 0)
+    assert (game.record.caught, game.record.score, game.record.end) == (2, 5 + 20 + 40, 0)
     game.check((3.0, 9.0), (3.0, 9.0), later=4.0)  # it is still away
     assert (game.record.caught, game.record.end) == (2, 0)
     game.check((3.0, 9.0), (3.0, 9.0), later=1.0)  # it has started again, and is frightened no more
@@ -91,9 +91,9 @@ def test_second_power_pellet_frightens_from_the_beginning_and_starts_a_new_strea
     game.check((9.0, 9.0), (9.0, 9.0), later=1.0)
     game.check((5.0, 0.0), later=10.0)
     assert game.ghosts[:, HARMLESS_UNTIL].tolist() == [31.0, 31.0]
-    before = game.score
+    before = game.record.score
     game.check((9.0, 9.0), FAR, (9.0, 9.0), later=1.0)
-    assert game.score - before == 20
+    assert game.record.score - before == 20
 
 
 def test_ghost_that_is_away_is_not_frightened() -> None:
@@ -116,7 +116,12 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
     expected = 0
     for at, first, second, later in steps:
         places = [*PELLETS.tolist(), (3.0, 9.0), (6.0, 9.0)]
-        collected, caught, power, before = game.record.collected, game.record.caught, game.record.power, game.score
+        collected, caught, power, before = (
+            game.record.collected,
+            game.record.caught,
+            game.record.power,
+            game.record.score,
+        )
         over = game.record.end != 0
         was_harmless = [is_harmless(ghost, game.now + later) for ghost in game.ghosts]
         game.check(places[at], places[first], places[second], later=later)
@@ -126,7 +131,7 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
             assert is_harmless(ghost, game.now) == (is_away(ghost, game.now) or is_frightened(ghost, game.now))
             assert ghost[HARMLESS_UNTIL] <= game.now + max(game.power.duration_s, game.power.return_s)
         if over:
-            assert game.score == before  # nothing counts after the end
+            assert game.record.score == before  # nothing counts after the end
         if game.record.end == CAUGHT and not over:
             assert not was_harmless[game.record.catcher]
             assert new_power == 0
@@ -134,4 +139,4 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
         streak = game.record.streak
         points = sum(20 * 2 ** min(k, 3) for k in range(streak - catches, streak))
         expected += game.record.collected - collected + 4 * new_power + points
-        assert game.score == expected
+        assert game.record.score == expected

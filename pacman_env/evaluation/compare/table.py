@@ -125,7 +125,7 @@ _GHOSTS: dict[str, _Cell] = {
     _CAUGHT: lambda row: with_interval(row["ghosts_caught_mean"], row["ghosts_caught_ci"], text=_number),
 }
 _ENDS: dict[str, _Cell] = {
-    **{end.name: lambda row, end=end: percent(row[f"{end.field}_rate"]) for end in _FAILED},
+    **{end.name: lambda row, end=end: percent(row[f"{end.field}_rate"]) for end in _FAILED},  # type: ignore[misc]
     "time s": lambda row: f"{row['time_mean_s']:.1f}",
     "p50 ms": lambda row: f"{row['decision_ms_p50']:.3f}",
     "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
@@ -149,6 +149,6 @@ _ROUND_MEANING = (
 _ENDLESS_MEANING = (
     "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
     " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game;"
-    f" {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; {_CLEARED.name}: {_CLEARED.meaning}"
-    "; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
+    f" {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; {_CLEARED.name}:"
+    f" {_CLEARED.meaning}; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
 )
