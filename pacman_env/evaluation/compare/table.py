@@ -148,7 +148,7 @@ _ROUND_MEANING = (
 )
 _ENDLESS_MEANING = (
     "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
-    " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game;"
-    f" {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; {_CLEARED.name}:"
-    f" {_CLEARED.meaning}; time: mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
+    f" intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game; {_CLEARED.name}:"
+    f" {_CLEARED.meaning}; {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; time:"
+    " mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
 )
