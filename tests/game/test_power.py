@@ -116,12 +116,8 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
     expected = 0
     for at, first, second, later in steps:
         places = [*PELLETS.tolist(), (3.0, 9.0), (6.0, 9.0)]
-        collected, caught, power, before = (
-            game.record.collected,
-            game.record.caught,
-            game.record.power,
-            game.record.score,
-        )
+        collected, caught, power = game.record.collected, game.record.caught, game.record.power
+        before = game.record.score
         over = game.record.end != 0
         was_harmless = [is_harmless(ghost, game.now + later) for ghost in game.ghosts]
         game.check(places[at], places[first], places[second], later=later)
