@@ -14,5 +14,4 @@ def test_release_files_contain_current_version_and_date() -> None:
 
 def test_new_version_and_date_reach_every_file() -> None:
     for path, text in texts("98.7.6", "2099-12-31"):
-        assert "98.7.6" in text
-        assert ("2099-12-31" in text) == (path.suffix in (".cff", ".md"))
+        assert ("98.7.6" in text, "2099-12-31" in text) == (True, path.suffix in (".cff", ".md"))
