@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.engine.jit import kernel
-from pacman_env.game.execution import DEAD, RUNNING
+from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.game.ghosts import find_behaviour
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags, choose, step
@@ -105,9 +105,9 @@ class Trials:
             offset = situation.ghosts[:, :, :2] - situation.robot[:, None, :2]
             apart = np.hypot(offset[..., 0], offset[..., 1]).min(axis=1)
             trial["closest_m"] = np.where(running, np.minimum(trial["closest_m"], apart), trial["closest_m"])
-            arrived = running & (games["end"] != DEAD) & np.isnan(trial["reached_s"]) & (games["pursued"] != chosen)
+            arrived = running & (games["end"] != CAUGHT) & np.isnan(trial["reached_s"]) & (games["pursued"] != chosen)
             trial["reached_s"][arrived] = tick * self.config.execution.tick_s
-        trial["caught"] = games["end"] == DEAD
+        trial["caught"] = games["end"] == CAUGHT
         trial["robot_off_m"] = np.hypot(*(situation.robot[:, :2] - places[:, :2]).T)
         trial["ghost_off_m"] = np.hypot(*(situation.ghosts[:, 0, :2] - places[:, 2:]).T)
         over = (games["end"] != RUNNING) | trial["expected_caught"]

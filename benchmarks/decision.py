@@ -16,7 +16,7 @@ import yaml
 
 from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch

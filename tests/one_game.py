@@ -9,17 +9,8 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.engine.arrays import Table, declared, zeros
-from pacman_env.game.execution import (
-    ABORTED,
-    CANCELED,
-    CLEARED,
-    COMPLETE,
-    DEAD,
-    NO_CHOICE,
-    REJECTED,
-    RUNNING,
-    SUCCEEDED,
-)
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING
+from pacman_env.game.execution import ABORTED, CANCELED, NO_CHOICE, REJECTED, SUCCEEDED
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 from pacman_env.game.power import choose_power_pellets
@@ -256,7 +247,7 @@ class RobotSide:
         for action in actions:
             if action.kind == "state":
                 if action.value == "dying":
-                    self.end, self.score = DEAD, self.referee.score
+                    self.end, self.score = CAUGHT, self.referee.score
                 elif action.value == "complete":
                     all_counted = self.referee.collected == len(self.pellets)  # else some were lost, as built
                     self.end, self.score = COMPLETE if all_counted else CLEARED, self.referee.score

@@ -27,6 +27,7 @@ def test_preset_composes_with_every_execution(preset: str, execution: str) -> No
 
 def test_robot_and_ideal_presets_have_documented_values() -> None:
     robot, ideal = make_config("robot"), make_config("ideal")
+    assert robot == Config()
     assert (robot.robot.speed_mps, robot.localization.perfect) == (0.285, False)
     assert (ideal.robot.speed_mps, ideal.localization.perfect) == (0.306, True)
     assert (robot.execution.tick_s, robot.physics_step_s, robot.nav2.planner_period_s) == (0.5, 0.05, 1.0)

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.game.execution import ABORTED, CANCELED, REJECTED, RUNNING, SUCCEEDED
+from pacman_env.game.ends import RUNNING
+from pacman_env.game.execution import ABORTED, CANCELED, REJECTED, SUCCEEDED
 from tests.one_game import RobotSide, SimulatorSide
 
 #: Of each execution; 5,000 take some minutes.

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
-from pacman_env.game.execution import COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
@@ -127,5 +127,5 @@ def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[
         assert (robot.referee.score if end == TIMEOUT else robot.score) == game["score"]
         assert robot.referee.ghosts_caught == game["caught"]
         caught += game["caught"]
-    assert {DEAD, COMPLETE} <= ends
+    assert {CAUGHT, COMPLETE} <= ends
     assert (caught > 0) == (power > 0)

@@ -24,6 +24,7 @@ from pacman_env.config import Config
 from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
+from pacman_env.game.behaviour_belief import BELIEVED, OTHER
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
@@ -202,6 +203,9 @@ def _global_columns() -> list[list[str]]:
     rows = _columns(GlobalColumn)
     for k in range(GHOST_TOKENS):
         rows += _columns(TokenColumn, len(rows), f"ghost_{k}_")
+        for name in BELIEVED[1:]:
+            what = "any other behaviour" if name == BELIEVED[OTHER] else f"the behaviour `{name}`"
+            rows.append([str(len(rows)), f"`ghost_{k}_{name}`", f"probability of {what}"])
     return rows
 
 

@@ -35,7 +35,7 @@ from pacman_env.envs.arguments import EnvArguments
 from pacman_env.episodes.rollout import play
 from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, write_json
-from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ends import COMPLETE
 from pacman_env.sb3 import PacManBotVecEnv
 from tools.common import ROOT
 

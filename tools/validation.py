@@ -24,7 +24,7 @@ from pacman_env.config import Config, located, make_config, parse_settings
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ends import COMPLETE
 from pacman_env.sim.core.robot_simulation import SimulatedRobot, place
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.maps.occupancy import load_map

@@ -20,7 +20,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--seed": {"type": whole_number(0), "default": 0, "metavar": "S", "help": "seed that generates all round seeds"},
     "--ghosts": {"nargs": "+", "metavar": "BEHAVIOUR", "help": "behaviour or policy of each ghost (from the preset)"},
-    "--clyde-speed": {"type": finite_number(0), "default": 0.25, "metavar": "V", "help": "speed of Clyde, m/s"},
+    "--clyde-speed": {"type": finite_number(0), "metavar": "V", "help": "speed of Clyde, m/s"},
 }
 #: Maps of a simulated game.
 SIMULATED_MAP = "map: a name, a file or its folder, generated (a new house each round) or generated:test"

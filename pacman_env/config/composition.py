@@ -169,28 +169,24 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
-#: With this speed the robot drives 0.26 m/s from pose to pose on long ways, as in the logs (0.25 to 0.265) [M]; the
-#: costmaps come from config/nav2.yaml.
-_ROBOT = {
-    "robot.speed_mps": 0.285,
-    "nav2.controller": "mppi",
-    "nav2.inflation_radius_m": 0.35,
-    "nav2.inflation_scale": 4.0,
-}
+#: The controller turns and starts as fast as the base; the costmaps are the experiment's.
+_QUICK = {"nav2.controller": "pure_pursuit", "nav2.inflation_radius_m": 0.22, "nav2.inflation_scale": 2.0}
 PRESETS: dict[str, dict[str, Any]] = {
-    # The real robot: measured speed, AMCL's cadence and error, Nav2's delays, a controller as slow as Nav2's.
-    "robot": _ROBOT,
-    # The same until 0.19.0, for comparisons: the controller turns and starts as fast as the base.
-    "robot_0_15": {"robot.speed_mps": 0.256},
+    # The defaults, the real robot: measured speed, AMCL's cadence and error, Nav2's delays, a controller like Nav2's.
+    "robot": {},
+    # The robot until 0.19.0, for comparisons.
+    "robot_0_15": {**_QUICK, "robot.speed_mps": 0.256},
     # Perfect localization, the base's full speed, goals and rules without delay.
     "ideal": {
+        **_QUICK,
+        "robot.speed_mps": 0.306,
         "localization.perfect": True,
         "nav2.accept_delay_s": 0.0,
         "nav2.planner_period_s": 0.5,
         "execution.check_period_s": 0.05,
     },
     # The robot's game with power pellets against four ghosts of several kinds.
-    "arcade": {**_ROBOT, "power.pellets": 4, "clyde.ghosts": ("arcade", "chase", "wander", "wander")},
+    "arcade": {"power.pellets": 4, "clyde.ghosts": ("arcade", "chase", "wander", "wander")},
 }
 _WORDS = {"true": True, "false": False, "none": None}
 #: Built-in presets and presets from entry points in other packages: fields by dotted name.

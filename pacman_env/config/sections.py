@@ -23,7 +23,7 @@ class RobotConfig(Checked, group="robot"):
     radius_m: Positive = setting(0.171, "body (Create 3)")
     mass_kg: Positive = setting(3.945, "TurtleBot 4 Standard")
     inscribed_radius_m: Positive = setting(0.186, "Nav2 footprint of the experiment with padding")
-    speed_mps: Positive = setting(0.306, "commanded forward speed; Create 3 with safety on")
+    speed_mps: Positive = setting(0.285, "commanded speed; on long ways 0.26 m/s from pose to pose, as in the logs [M]")
     wheel_speed_mps: Positive = setting(0.306, "limit of each wheel (Create 3, safety on)")
     omega_radps: Positive = setting(1.9, "Create 3")
     wheel_acceleration_mps2: Positive = setting(0.9, "Create 3")
@@ -94,8 +94,8 @@ class LocalizationConfig(Checked, group="localization"):
 class Nav2Config(Checked, group="nav2"):
     """Navigator as the goal selector experiences it (Nav2 jazzy 1.3.13, the experiment's parameters)."""
 
-    inflation_radius_m: Positive = setting(0.22, "experiment")
-    inflation_scale: Positive = setting(2.0, "cost_scaling_factor k, experiment")
+    inflation_radius_m: Positive = setting(0.35, "config/nav2.yaml; experiment: 0.22")
+    inflation_scale: Positive = setting(4.0, "cost_scaling_factor k, config/nav2.yaml; experiment: 2")
     goal_tolerance_m: Positive = setting(0.30, "a goal is reached within this distance, with any heading; experiment")
     unreachable_tolerance_m: Positive = setting(0.5, "NavFn: nearest reachable point in a square of this half-width")
     planner_period_s: Positive = setting(1.0, "NavFn plans at 1 Hz; until then the robot follows the old path")
@@ -108,8 +108,7 @@ class Nav2Config(Checked, group="nav2"):
     abort_rate: Share = setting(0.0, "probability that a goal is aborted immediately without a reason (bad TF)")
     recovery_wait_s: Positive = setting(5.0, 'duration of the recovery "wait" (Nav2)')
     controller: Literal["pure_pursuit", "mppi"] = setting(
-        "pure_pursuit",
-        "pure_pursuit turns and accelerates as fast as the base; mppi as slowly as MPPI of Nav2 (see mppi)",
+        "mppi", "mppi turns and accelerates as slowly as MPPI of Nav2 (see mppi); pure_pursuit as fast as the base"
     )
     clyde_keepout_m: Positive = setting(0.236, "inscribed radius + 0.05 m: Clyde and eight points around it, original")
     clear_distance_m: NotNegative = setting(0.5, "Clyde is cleared from the costmaps after it has moved this far")

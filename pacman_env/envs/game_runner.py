@@ -11,7 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..config import ConfigError
-from ..game.execution import RUNNING
+from ..game.ends import RUNNING
 from ..game.reward import Rewards, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..game.ends import ENDS
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import kernels
 
 #: ``info["outcome"]`` by the game's end code.
-OUTCOMES = np.array(["running", "caught", "complete", "cleared", "timeout"], dtype=object)
+OUTCOMES = np.array([end.word for end in ENDS], dtype=object)
 Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
 Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]  # observations, Ends and infos
 

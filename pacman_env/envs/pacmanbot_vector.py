@@ -8,7 +8,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from ..game.execution import RUNNING
+from ..game.ends import RUNNING
 from ..render.window import RENDER_FPS
 from ..sim.core.batch import check_velocities
 from ..sim.observation.robot_features import Observation

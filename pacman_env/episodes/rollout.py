@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.game.execution import COMPLETE, RUNNING
+from pacman_env.game.ends import COMPLETE, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
@@ -32,7 +32,7 @@ EPISODE = np.dtype(
     [
         ("seed", np.uint64),
         ("level", np.int64),  # level number, 0 with one map
-        ("end", np.int64),  # DEAD, COMPLETE, CLEARED or TIMEOUT
+        ("end", np.int64),  # code of game/ends.py
         ("rounds", np.int64),  # completed rounds
         ("spawned", np.int64),  # in one round
         ("collected", np.int64),  # in all rounds

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import Config
-from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, ghost_choices, open_games
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Scenario
@@ -25,7 +24,7 @@ from pacman_env.evaluation.templates import render
 from pacman_env.files import prepare, replaced, write_text
 from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import ENDS, RUNNING
 from pacman_env.game.goals import goal_name
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.policies.policy_calls import choose, reset
@@ -119,7 +118,7 @@ class RecordedGame:
     def outcome(self) -> str:
         batch, game = self._batch, self._batch.games[0]
         seconds = self._before_s + game["step"] * batch.config.physics_step_s
-        end, pellets = OUTCOMES[game["end"]], f"{game['collected']} of {game['spawned']} pellets"
+        end, pellets = ENDS[game["end"]].name, f"{game['collected']} of {game['spawned']} pellets"
         if batch.config.endless:
             end, pellets = f"{end} in round {game['round']}", f"{game['all_collected']} pellets"
         lost = f", {game['lost']} lost" if game["lost"] and not batch.config.endless else ""

@@ -7,10 +7,18 @@ the chosen branch. Without a fork, a move towards the robot carries no informati
 (``other``) may turn and stand.
 """
 
-BELIEVED = ("wander", "arcade", "chase", "other")
+#: The behaviours that are told apart, each with its prior, its likelihood of standing, and the same near the robot,
+#: where a chaser cannot come nearer. A ghost with any other behaviour, such as a new one, shows as ``other``.
+_BELIEVED = {
+    "wander": (0.55, 0.02, 0.02),
+    "arcade": (0.15, 0.5, 0.5),
+    "chase": (0.2, 0.1, 0.5),
+    "other": (0.1, 0.5, 0.5),
+}
+BELIEVED = tuple(_BELIEVED)
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
+PRIOR, _STANDS, _ARRIVED = zip(*_BELIEVED.values(), strict=True)
 COMES = 0.5  # probability above which a ghost counts as approaching the robot
-PRIOR = (0.55, 0.15, 0.2, 0.1)
 ANY_PLACE = -1  # all bits
 _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
 #: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0
@@ -21,8 +29,6 @@ _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place
 #: Likelihood of turning round for wander, chase, arcade far from the robot, other; and of not turning for other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
-_STANDS = (0.02, 0.5, 0.1, 0.5)  # likelihood of standing, for each behaviour
-_ARRIVED = (0.02, 0.5, 0.5, 0.5)  # likelihood of standing near the robot, where a chaser cannot come nearer
 ARRIVED_M = 1.0
 
 

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ..config import Config
-from .power import frighten, ghost_points, is_away, is_frightened, send_away
+from .ends import CAUGHT, CLEARED, COMPLETE, RUNNING
+from .power import frighten, is_away, is_frightened, score_ghost, score_pellet, send_away
 
 NO_CHOICE, CHOICE, RESULT, CHECK = -1, 0, 1, 2  # events; as a value, NO_CHOICE is hold
 KEEP, SEND, CANCEL = 0, 1, 2  # action for Nav2's goal
 REJECTED, SUCCEEDED, CANCELED, ABORTED = -1, 4, 5, 6  # action_msgs/GoalStatus; REJECTED: not accepted by Nav2
-RUNNING, DEAD, COMPLETE, CLEARED, TIMEOUT = 0, 1, 2, 3, 4  # CLEARED: no pellets left, but some were lost
 _ROUNDING_M = 1e-9
 
 
@@ -35,7 +35,7 @@ class Execution:
     power: int = 0  # collected power pellets, which are among ``collected``
     caught: int = 0  # ghosts that the robot caught
     streak: int = 0  # ghosts caught since the last power pellet
-    bonus: int = 0  # points beyond one for each collected pellet
+    score: int = 0  # points; in the simulator, over all rounds of an endless game
     end: int = RUNNING
     catcher: int = -1  # number of the ghost that caught the robot, -1: none
 
@@ -186,13 +186,13 @@ def _check(s, at, now, board, p):  # type: ignore[no-untyped-def]
             if not within(x - ghosts[k, 0], y - ghosts[k, 1], p.death) or is_away(ghosts[k], now):
                 continue
             if not is_frightened(ghosts[k], now):
-                s.end = DEAD
+                s.end = CAUGHT
                 s.catcher = k
                 break
             send_away(ghosts[k], now + p.return_time)
-            s.bonus += ghost_points(p.ghost_points, s.streak)
+            points, s.streak = score_ghost(s.streak, p.ghost_points)
+            s.score += points
             s.caught += 1
-            s.streak += 1
     if s.end != RUNNING:
         s.pursued = NO_CHOICE
         return CANCEL
@@ -204,11 +204,11 @@ def _collect(s, slot, now, board, p):  # type: ignore[no-untyped-def]
     """Collect the pellet in a slot at the time ``now``; a power pellet frightens the ghosts."""
     board.left[slot] = False
     s.collected += 1
+    points, s.streak = score_pellet(s.streak, board.power[slot], p.power_points)
+    s.score += points
     if board.power[slot]:
         frighten(board.ghosts, now + s.fright_time, now)
-        s.bonus += p.power_points - 1
         s.power += 1
-        s.streak = 0
     if s.pursued == slot:
         s.pursued = NO_CHOICE
 

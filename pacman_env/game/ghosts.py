@@ -133,12 +133,13 @@ def flee(view, parameters):  # type: ignore[no-untyped-def]
     return view.x + share * dx, view.y + share * dy
 
 
-WANDER, CHASE, FLEE, POLICY = "wander", "chase", "flee", "policy"
+WANDER, _ARCADE, CHASE, _ = BELIEVED
+FLEE, POLICY = "flee", "policy"
 BEHAVIOURS = {
     entry.name: entry
     for entry in (
         Behaviour(WANDER, wander),
-        Behaviour("arcade", arcade, ("clyde.arcade_distance_m",)),
+        Behaviour(_ARCADE, arcade, ("clyde.arcade_distance_m",)),
         Behaviour(CHASE, chase),
         Behaviour(FLEE, flee, ("power.flee_m",)),
         Behaviour(POLICY, None),

@@ -8,8 +8,9 @@ import math
 from collections.abc import Iterable, Sequence
 
 from ..config import Config
+from .ends import CAUGHT, RUNNING
 from .events import killed_by
-from .execution import CANCEL, CHECK, CHOICE, DEAD, NO_CHOICE, REJECTED, RESULT, RUNNING, SEND, SUCCEEDED, within
+from .execution import CANCEL, CHECK, CHOICE, NO_CHOICE, REJECTED, RESULT, SEND, SUCCEEDED, within
 from .ghosts import GHOST_NAMES
 from .goals import HOME, ExecutorAction, Goals, Place, Position, SentGoals
 from .robot_round import RobotRound
@@ -115,7 +116,7 @@ class GoalExecutor:
         if pose is None or not self.playing:
             return self._continue(now)
         action, actions = self._step(CHECK, 0, pose, now, ghosts)
-        if self.round.record.end == DEAD:
+        if self.round.record.end == CAUGHT:
             self.task = "none"
             killed = ExecutorAction("event", killed_by(GHOST_NAMES[self.round.record.catcher]))
             return [*actions, killed, *self.round.ended("death_detected"), *self._halt(now)]

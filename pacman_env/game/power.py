@@ -1,4 +1,4 @@
-"""Power pellets: their choice, the time for which they frighten ghosts, and the points for a caught ghost.
+"""Power pellets: their choice, the time for which they frighten ghosts, and the score.
 
 A ghost is present, frightened or away. A power pellet frightens all ghosts that are present. A frightened ghost flees
 and does not kill; the robot catches it within the death radius. Then it is away, and starts again at its spawn place.
@@ -71,6 +71,11 @@ def send_away(ghost, until):  # type: ignore[no-untyped-def]
     ghost[AWAY_UNTIL] = until
 
 
-def ghost_points(first, caught_before):  # type: ignore[no-untyped-def]
-    """Return the points of a caught ghost: ``first`` points, doubled for each caught after the same power pellet."""
-    return first * 2 ** min(caught_before, _MOST_DOUBLINGS)
+def score_pellet(streak, is_power, power_points):  # type: ignore[no-untyped-def]
+    """Return the points of a collected pellet, and the streak: ghosts caught since the last power pellet."""
+    return (power_points, 0) if is_power else (1, streak)
+
+
+def score_ghost(streak, first_points):  # type: ignore[no-untyped-def]
+    """Return the points of a caught ghost, doubled for each ghost of the streak before it, and the new streak."""
+    return first_points * 2 ** min(streak, _MOST_DOUBLINGS), streak + 1

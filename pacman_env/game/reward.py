@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..config import RewardConfig
-from .execution import COMPLETE, DEAD, TIMEOUT
+from .ends import CAUGHT, COMPLETE, TIMEOUT
 
 
 class Rewards(NamedTuple):
@@ -21,7 +21,7 @@ class Rewards(NamedTuple):
     def of(cls, config: RewardConfig) -> "Rewards":
         """Return the rewards per tick, per pellet and per end code (5,) from a configuration."""
         end = np.zeros(5)
-        end[[DEAD, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
+        end[[CAUGHT, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
         return cls(config.tick, config.pellet, config.power, config.ghost_caught, end)
 
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..config import Config
-from .execution import CHECK, CLEARED, DEAD, RUNNING, Board, Execution, rules, transition
+from .ends import CAUGHT, CLEARED, RUNNING
+from .execution import CHECK, Board, Execution, rules, transition
 from .ghosts import GHOST_NAMES
 from .goals import ExecutorAction, Goals, Position
 from .power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
@@ -189,7 +190,7 @@ class RobotRound:
             self._left = shown | (self._left & (now - self._missing_s < _GONE_S))
             record = self.record
             record.spawned = record.collected + record.lost + int(self._left.sum())
-            if shown.any() and record.end != DEAD:
+            if shown.any() and record.end != CAUGHT:
                 record.end = RUNNING
                 if self.statuses.end == "game_complete":  # withdraw the report: the round is not complete
                     self.statuses.end = ""

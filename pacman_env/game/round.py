@@ -16,7 +16,7 @@ from pacman_env.config import ClydeConfig, PowerConfig, ShowConfig
 from pacman_env.config.validation import convert, require
 from pacman_env.game.execution import round_complete
 from pacman_env.game.ghosts import GHOST_NAMES
-from pacman_env.game.power import ghost_points
+from pacman_env.game.power import score_ghost, score_pellet
 
 State = Literal["menu", "returning_home", "starting", "running", "dying", "complete"]
 Command = Literal["enable", "disable", "reset_round", "return_home"]
@@ -284,8 +284,8 @@ class RoundController:
         spawned_before = self.spawned
         self.pellets.collected.add(pellet)
         is_power = pellet in self.pellets.power
-        self.score += self.power.pellet_points if is_power else 1
-        self.streak = 0 if is_power else self.streak
+        points, self.streak = score_pellet(self.streak, is_power, self.power.pellet_points)
+        self.score += points
         event = "power pellet" if is_power else "pellet"
         counts = [Action("collected", self.collected), Action("score", self.score), Action("event", event)]
         end = self._complete() if round_complete(self.collected, self.spawned) else []
@@ -298,8 +298,8 @@ class RoundController:
         if int(number) != self.ghosts_caught + 1:
             return [Action("ignored", f"ghost {number}: {self.ghosts_caught} were caught before")]
         self.ghosts_caught += 1
-        self.score += ghost_points(self.power.ghost_points, self.streak)
-        self.streak += 1
+        points, self.streak = score_ghost(self.streak, self.power.ghost_points)
+        self.score += points
         counts = [Action("ghosts_caught", self.ghosts_caught), Action("score", self.score)]
         return [*counts, Action("event", f"{ghost} caught")]
 

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config
+from ..game.ends import ENDS
 from ..game.ghosts import GHOST_NAMES
 from ..game.power import BLINKING, FRIGHTENED, HARMLESS_UNTIL, frightened_colour, is_away, is_harmless
 from ..sim.core.batch import GameBatch
 from ..sim.maps.assets import MapAssets
 from ..world.navigation.paths import AT_GOAL, NO_STEP
 from . import symbols
-from .palette import STATES, THEMES, Colour, Theme
+from .palette import THEMES, Colour, Theme
 from .symbols import Image
 
 _KEPT_VIEWS, _KEPT_LAYERS = 8, 4
@@ -354,12 +355,12 @@ def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDAr
 def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title: str | None) -> None:
     g, unit = batch.games[game], view.unit
     left, right = max(14 * unit, 6), view.width - max(14 * unit, 6)
-    state, back, front = STATES[int(g["end"])]
-    chip = symbols.text(state, max(11 * unit, 6), True, front, back)
+    state = ENDS[g["end"]]
+    chip = symbols.text(state.name.upper(), max(11 * unit, 6), True, state.ink, state.badge)
     pad, high = max(9 * unit, 4), max(11 * unit, 7)
     upper, lower = 0.31 * view.header, 0.73 * view.header
     x = right - chip.shape[1] - 2 * pad
-    cv2.rectangle(image, (round(x), round(upper - high)), (round(right), round(upper + high)), back, -1)
+    cv2.rectangle(image, (round(x), round(upper - high)), (round(right), round(upper + high)), state.badge, -1)
     symbols.paste(image, x + pad, upper, chip)
 
     def write(words: list[tuple[str, Colour, float]], row: float, cap: float, end: float) -> None:

@@ -1,8 +1,6 @@
-"""The colours of frames, for each theme. The colours of ghosts are in :mod:`pacman_env.game.ghosts`."""
+"""The colours of frames, for each theme. :mod:`pacman_env.game` has those of ghosts and of the ends of rounds."""
 
 from typing import Literal, NamedTuple
-
-from ..game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
 
 Colour = tuple[int, int, int]
 Theme = Literal["light", "dark"]
@@ -41,12 +39,3 @@ DARK = Palette(
     danger=(255, 98, 98), place=(79, 209, 181), place_fill=(14, 58, 54), collected=(104, 117, 148),
 )  # fmt: skip
 THEMES: dict[Theme, Palette] = {"light": LIGHT, "dark": DARK}
-
-#: Text, background colour and text colour for each state of a game.
-STATES: dict[int, tuple[str, Colour, Colour]] = {
-    RUNNING: ("RUNNING", (46, 125, 50), (255, 255, 255)),
-    DEAD: ("CAUGHT", (200, 32, 32), (255, 255, 255)),
-    COMPLETE: ("COMPLETE", (255, 214, 0), (30, 30, 30)),
-    CLEARED: ("CLEARED", (240, 200, 120), (30, 30, 30)),
-    TIMEOUT: ("TIME-OUT", (112, 118, 132), (255, 255, 255)),
-}

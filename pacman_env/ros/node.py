@@ -28,7 +28,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from pacman_env.config import EXECUTIONS, PRESETS, Config, differences, make_config, parse_settings
+from pacman_env.config import EXECUTIONS, Config, differences, make_config, parse_settings, preset_names
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
 from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_on_this_machine
@@ -123,7 +123,7 @@ class GameNode(BaseNode):
 
     def __init__(self, name: str, *, with_map: bool = False, **options: Any) -> None:
         super().__init__(name, **options)
-        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(PRESETS)}")
+        preset = parameter(self, "preset", "robot", f"configuration: one of {', '.join(preset_names())}")
         execution = parameter(self, "execution", "robust", f"rules of Algorithm 4: one of {', '.join(EXECUTIONS)}")
         text = "fields of the configuration that differ from preset and execution, each name=value"
         descriptor = ParameterDescriptor(description=text, read_only=True)

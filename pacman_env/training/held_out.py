@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.executors.executor import Executor
-from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ends import COMPLETE
 from pacman_env.game.ghosts import POLICY
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch

@@ -117,7 +117,7 @@ class Arguments(Checked):
     resume: bool = False
     """Resume the run in ``out``."""
     preset: str = "robot"
-    """Preset of the configuration, such as robot, robot_0_15, ideal or arcade."""
+    """Preset of the configuration; for an unknown name, the error lists all."""
     execution: str = "robust"
     """Execution of goals: robust or as_built."""
     randomize: bool = False

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.game.power import ghost_points
+from pacman_env.game.power import score_ghost
 
 _POINTS_S = 2.0  # how long points are shown
 
@@ -41,8 +41,8 @@ class CaughtGhosts:
             self._catches, self._away_until = np.full((len(places), 3), np.nan), until_s[:, 1]
         self.new = np.flatnonzero(until_s[:, 1] > self._away_until).tolist()
         for ghost in self.new:
-            self._catches[ghost] = *self._places[ghost], ghost_points(self.first_points, self._streak)
-            self._streak += 1
+            points, self._streak = score_ghost(self._streak, self.first_points)
+            self._catches[ghost] = *self._places[ghost], points
         self._places, self._away_until = places.copy(), until_s[:, 1].copy()
         harmless_s, away_s = np.maximum(until_s - now_s, 0.0).T
         known = np.isfinite(self._catches[:, 0])

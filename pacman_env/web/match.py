@@ -280,8 +280,8 @@ class Match:
         if not played.over:
             return
         self._record(played)
-        if played.outcome == "caught":
-            self.show("event", killed_by(GHOST_NAMES[played.catcher or 0]))
+        if played.catcher is not None:
+            self.show("event", killed_by(GHOST_NAMES[played.catcher]))
             if self.driving.plays_robot:
                 self._lives -= 1
                 if self._lives > 0:

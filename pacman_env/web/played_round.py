@@ -11,9 +11,8 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import allowed
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import ENDS, RUNNING, End
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.policies.base import KIND_NAMES, Policy, reach
@@ -94,9 +93,8 @@ class PlayedRound:
         return bool(self.batch.games["end"][0] != RUNNING)
 
     @property
-    def outcome(self) -> str:
-        """``running``, ``caught``, ``complete`` or ``timeout``."""
-        return str(OUTCOMES[self.batch.games["end"][0]])
+    def end(self) -> End:
+        return ENDS[self.batch.games["end"][0]]
 
     @property
     def level(self) -> int | None:
@@ -113,7 +111,7 @@ class PlayedRound:
     def catcher(self) -> int | None:
         """Number of the ghost that caught the robot, or None."""
         number = int(self.batch.games["catcher"][0])
-        return number if self.outcome == "caught" and number >= 0 else None
+        return number if number >= 0 else None
 
     @property
     def caught_before_pellets(self) -> bool:
@@ -162,7 +160,7 @@ class PlayedRound:
         while not self.over:
             self.step(Orders())
         last = self.snapshots[-1]
-        return {"result": self.outcome, "collected": last.collected, "time_s": last.time_s}
+        return {"result": self.end.word, "collected": last.collected, "time_s": last.time_s}
 
     def step(self, orders: Orders) -> None:
         if self.over:
@@ -307,11 +305,12 @@ class Recordings:
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]
-        last, second = played.snapshots[-1], played.baseline.finish() if played.by_person and played.baseline else None
+        last, baseline = played.snapshots[-1], played.baseline if played.by_person else None
+        second = baseline.finish() if baseline else None
         self._kept.pop(self.count - _KEPT, None)
         summary = {
             "story": self.count,
-            "result": played.outcome,
+            "result": played.end.word,
             "seed": played.seed,
             "collected": last.collected,
             "spawned": last.spawned,
@@ -329,9 +328,9 @@ class Recordings:
         if last.ghosts_caught is not UNSET:
             summary["ghosts_caught"] = last.ghosts_caught
         self._kept[self.count] = played, summary
-        words = f"{played.outcome}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
-        if second is not None:
-            words += f"; {played.names[0]} {second['result']}, {second['collected']} in {second['time_s']:g} s"
+        words = f"{played.end.name}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
+        if baseline and second:
+            words += f"; {played.names[0]} {baseline.end.name}, {second['collected']} in {second['time_s']:g} s"
         return words
 
     def summaries(self) -> list[dict[str, Any]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, urlencode
 
-from pacman_env.config import Config, ConfigError, make_config, preset_names
+from pacman_env.config import ClydeConfig, Config, ConfigError, make_config, preset_names
 from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
@@ -39,7 +39,7 @@ class Rules:
     preset: str = "robot"
     policy: str = "ppo"
     second: str = "clyde_aware"
-    ghosts: tuple[str, ...] = ("wander",)
+    ghosts: tuple[str, ...] = ClydeConfig.ghosts
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def changed(self, setup: Setup) -> Rules:

@@ -2,6 +2,7 @@
 
 from typing import Any, Literal
 
+from pacman_env.game.ends import CAUGHT, COMPLETE, ENDS, RUNNING
 from pacman_env.game.events import FEEDBACK, LIGHTS, SOUNDS
 from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.lights import light_colour
@@ -13,17 +14,12 @@ STATES = {
     "returning_home": "Driving home",
     "starting": "Starting",
     "running": "Running",
-    "dying": "Caught",
-    "complete": "Complete",
+    "dying": ENDS[CAUGHT].name.capitalize(),
+    "complete": ENDS[COMPLETE].name.capitalize(),
 }
 #: In the simulator the robot is placed at home.
 SIMULATED_STATES = STATES | {"returning_home": "Preparing the next round"}
-RESULTS = {
-    "complete": "All pellets collected",
-    "cleared": "No pellet left",
-    "caught": "Caught",
-    "timeout": "Time limit reached",
-}
+RESULTS = {end.word: end.meaning.capitalize() for end in ENDS[RUNNING + 1 :]}
 
 #: Plain name, unit, and how much of the unit 1 is, for the terms that policies explain.
 TERMS = {

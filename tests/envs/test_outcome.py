@@ -3,11 +3,11 @@
 import numpy as np
 
 from pacman_env.envs.outcome import OUTCOMES, infos
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.sim.core.kernels import SUMMARY, summarize
 from pacman_env.sim.core.parameters import GAME
 
-NAMES = {RUNNING: "running", DEAD: "caught", COMPLETE: "complete", CLEARED: "cleared", TIMEOUT: "timeout"}
+NAMES = {RUNNING: "running", CAUGHT: "caught", COMPLETE: "complete", CLEARED: "cleared", TIMEOUT: "timeout"}
 
 
 def test_infos_contain_counts_and_outcomes_of_games() -> None:

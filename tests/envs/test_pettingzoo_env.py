@@ -190,7 +190,7 @@ def test_state_contains_true_game_values_by_name() -> None:
         pellets = [state[f"pellet_{k}"] for k in range(batch.pellet_slots)]
         assert pellets == batch.alive[0].astype(float).tolist()
         assert [state["time"], sum(pellets)] == observations[PACMAN]["round"].tolist()
-        assert (state["round"], state["score"]) == (1, g["collected"] + g["bonus"])
+        assert (state["round"], state["score"]) == (1, g["score"])
         apart.append(np.hypot(state["x"] - state["believed_x"], state["y"] - state["believed_y"]))
     assert frightened
     assert max(apart) > 0.01  # what the robot believes is not true

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
 from pacman_env.evaluation.rounds.scenarios import Levels, open_scenario
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
@@ -39,7 +39,7 @@ def test_records_and_times_describe_their_rounds() -> None:
     assert len(times) >= 10
     assert (times > 0).all()
     np.testing.assert_array_equal(records["seed"], episode_seeds(5, 12))
-    assert set(records["end"]) <= {DEAD, COMPLETE, CLEARED, TIMEOUT}
+    assert set(records["end"]) <= {CAUGHT, COMPLETE, CLEARED, TIMEOUT}
     assert len(set(records["end"])) > 1
     assert (records["spawned"] == map_assets("house", CONFIG).pellets).all()
     assert (records["collected"] + records["lost"] <= records["spawned"]).all()

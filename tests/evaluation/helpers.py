@@ -13,7 +13,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.episodes.rollout import EPISODE, episode_seeds, play
 from pacman_env.evaluation.compare.__main__ import main
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, open_scenario
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, TIMEOUT
 from pacman_env.policies.learned import PRETRAINED
 from pacman_env.world.maps.occupancy import load_map
 
@@ -78,5 +78,5 @@ def records(ends: list[int], collected: list[int], spawned: int = 8) -> NDArray:
     return out
 
 
-FIVE = records([COMPLETE, COMPLETE, CLEARED, DEAD, TIMEOUT], [8, 8, 7, 2, 0])
-OTHER_FIVE = records([COMPLETE, DEAD, DEAD, DEAD, DEAD], [8, 1, 1, 1, 1])
+FIVE = records([COMPLETE, COMPLETE, CLEARED, CAUGHT, TIMEOUT], [8, 8, 7, 2, 0])
+OTHER_FIVE = records([COMPLETE, CAUGHT, CAUGHT, CAUGHT, CAUGHT], [8, 1, 1, 1, 1])

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from pacman_env.config import ConfigError, make_config
 from pacman_env.game.decisions import HOLD, LastDecision, Moment, decision_due, decision_rules
-from pacman_env.game.execution import NO_CHOICE, RUNNING
+from pacman_env.game.ends import RUNNING
+from pacman_env.game.execution import NO_CHOICE
 from pacman_env.sim.core import kernels
 from pacman_env.sim.core.parameters import GAME, LAST_DECISION, batch_parameters
 

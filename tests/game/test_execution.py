@@ -6,20 +6,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING
 from pacman_env.game.execution import (
     ABORTED,
     CANCEL,
     CANCELED,
     CHECK,
     CHOICE,
-    CLEARED,
-    COMPLETE,
-    DEAD,
     KEEP,
     NO_CHOICE,
     REJECTED,
     RESULT,
-    RUNNING,
     SEND,
     SUCCEEDED,
     Board,
@@ -153,7 +150,7 @@ def test_last_pellet_counts_before_death_at_one_check() -> None:
     assert (game.record.end, game.record.collected) == (COMPLETE, PELLETS)
     game = Round()
     assert game.step(CHECK, at=(0.2, 0.0), ghosts=((9.0, 9.0), (0.2, 0.1))) == CANCEL
-    assert (game.record.end, game.record.collected, game.record.catcher) == (DEAD, 1, 1)
+    assert (game.record.end, game.record.collected, game.record.catcher) == (CAUGHT, 1, 1)
     assert game.step(CHOICE, 3) == KEEP  # nothing happens any more
     assert game.record.pursued == NO_CHOICE
 
@@ -178,7 +175,7 @@ def test_goal_survives_pick_up_except_as_built() -> None:
 
 def test_distances_of_rules_follow_the_configuration() -> None:
     near = {"execution.pickup_radius_m": 0.8, "execution.death_radius_m": 0.15, "execution.success_margin_m": 0.8}
-    for changes, collected, counted, end in (({}, 0, 0, DEAD), (near, 1, 1, RUNNING)):
+    for changes, collected, counted, end in (({}, 0, 0, CAUGHT), (near, 1, 1, RUNNING)):
         game = Round(**changes)
         game.step(CHECK, at=(-0.7, 0.0))
         assert game.record.collected == collected

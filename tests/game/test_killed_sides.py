@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pacman_env.config import make_config
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, Goals, home_place
-from pacman_env.game.power import ghost_points, is_frightened
+from pacman_env.game.power import is_frightened, score_ghost
 from pacman_env.game.round import Action, RoundController
 
 PELLETS = {10: (2.0, 0.0), 11: (4.0, 0.0), 12: (6.0, 0.0)}
@@ -155,7 +155,7 @@ class Sides:
             caught = self.planner.round.record.caught
             actions = self.planner.check(self.pose, ghosts, self.now)
             if self.planner.round.record.caught > caught:
-                self.points.append(ghost_points(CONFIG.power.ghost_points, self.planner.round.record.streak - 1))
+                self.points.append(score_ghost(self.planner.round.record.streak - 1, CONFIG.power.ghost_points)[0])
             self.on_planner(actions)
             if self.now % 2 == 0:
                 for word in self.planner.statuses.open():

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import PowerConfig, make_config
-from pacman_env.game.execution import CHECK, DEAD, Board, Execution, rules, transition
+from pacman_env.game.ends import CAUGHT
+from pacman_env.game.execution import CHECK, Board, Execution, rules, transition
 from pacman_env.game.power import (
     AWAY_UNTIL,
     HARMLESS_UNTIL,
@@ -43,10 +44,6 @@ class Game:
         board = Board(PELLETS, self.ghosts, self.left, POWER, np.zeros(9), np.zeros(9, np.int64))
         transition(self.record, CHECK, 0, at, self.now, False, board, self.rules)
 
-    @property
-    def score(self) -> int:
-        return self.record.collected + self.record.bonus
-
 
 @given(st.lists(PLACES, min_size=1, max_size=30, unique=True), PLACES, st.integers(0, 6))
 def test_power_pellets_are_as_far_from_home_and_each_other_as_any_next_choice(
@@ -73,13 +70,13 @@ def test_fright_is_shorter_in_each_round_down_to_a_least_time(round: int, expect
 def test_frightened_ghosts_are_caught_one_after_the_other_for_doubled_points() -> None:
     game = Game()
     game.check((2.0, 0.0))
-    assert (game.record.power, game.score) == (1, 5)
+    assert (game.record.power, game.record.score) == (1, 5)
     game.check((3.0, 9.0), (3.0, 9.0), (3.1, 9.0), later=1.0)
-    assert (game.record.caught, game.score, game.record.end) == (2, 5 + 20 + 40, 0)
+    assert (game.record.caught, game.record.score, game.record.end) == (2, 5 + 20 + 40, 0)
     game.check((3.0, 9.0), (3.0, 9.0), later=4.0)  # it is still away
     assert (game.record.caught, game.record.end) == (2, 0)
     game.check((3.0, 9.0), (3.0, 9.0), later=1.0)  # it has started again, and is frightened no more
-    assert (game.record.end, game.record.catcher) == (DEAD, 0)
+    assert (game.record.end, game.record.catcher) == (CAUGHT, 0)
 
 
 def test_power_pellet_protects_from_the_ghost_next_to_it() -> None:
@@ -94,9 +91,9 @@ def test_second_power_pellet_frightens_from_the_beginning_and_starts_a_new_strea
     game.check((9.0, 9.0), (9.0, 9.0), later=1.0)
     game.check((5.0, 0.0), later=10.0)
     assert game.ghosts[:, HARMLESS_UNTIL].tolist() == [31.0, 31.0]
-    before = game.score
+    before = game.record.score
     game.check((9.0, 9.0), FAR, (9.0, 9.0), later=1.0)
-    assert game.score - before == 20
+    assert game.record.score - before == 20
 
 
 def test_ghost_that_is_away_is_not_frightened() -> None:
@@ -119,7 +116,8 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
     expected = 0
     for at, first, second, later in steps:
         places = [*PELLETS.tolist(), (3.0, 9.0), (6.0, 9.0)]
-        collected, caught, power, before = game.record.collected, game.record.caught, game.record.power, game.score
+        collected, caught, power = game.record.collected, game.record.caught, game.record.power
+        before = game.record.score
         over = game.record.end != 0
         was_harmless = [is_harmless(ghost, game.now + later) for ghost in game.ghosts]
         game.check(places[at], places[first], places[second], later=later)
@@ -129,12 +127,12 @@ def test_rules_of_power_hold_in_any_order_of_events(steps: list[tuple[int, int, 
             assert is_harmless(ghost, game.now) == (is_away(ghost, game.now) or is_frightened(ghost, game.now))
             assert ghost[HARMLESS_UNTIL] <= game.now + max(game.power.duration_s, game.power.return_s)
         if over:
-            assert game.score == before  # nothing counts after the end
-        if game.record.end == DEAD and not over:
+            assert game.record.score == before  # nothing counts after the end
+        if game.record.end == CAUGHT and not over:
             assert not was_harmless[game.record.catcher]
             assert new_power == 0
         catches = game.record.caught - caught
         streak = game.record.streak
         points = sum(20 * 2 ** min(k, 3) for k in range(streak - catches, streak))
         expected += game.record.collected - collected + 4 * new_power + points
-        assert game.score == expected
+        assert game.record.score == expected

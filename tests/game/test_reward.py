@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from pacman_env.config import RewardConfig
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.game.reward import Rewards, reward
 
 REWARDS = Rewards.of(
     RewardConfig(pellet=1.5, death=-20.0, completion=7.0, tick=-0.25, timeout=-3.0, power=0.5, ghost_caught=4.0)
 )
-AT_END = {RUNNING: 0.0, DEAD: -20.0, COMPLETE: 7.0, CLEARED: 0.0, TIMEOUT: -3.0}
+AT_END = {RUNNING: 0.0, CAUGHT: -20.0, COMPLETE: 7.0, CLEARED: 0.0, TIMEOUT: -3.0}
 
 
 @pytest.mark.parametrize("end", AT_END)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import PowerConfig, ShowConfig
-from pacman_env.game.power import ghost_points
+from pacman_env.game.power import score_ghost
 from pacman_env.game.round import Action, RoundController, awaits_pellets
 
 POWER = PowerConfig(pellets=1)  # pellet 0, in all games with it
@@ -271,8 +271,8 @@ def test_score_and_reports_are_consistent_for_any_inputs(inputs: list[str]) -> N
             counted += {"pellet": 1, "power pellet": POWER.pellet_points}.get(event, 0)
             streak = 0 if event in ("power pellet", "reset") else streak
             if event == "clyde caught":
-                counted += ghost_points(POWER.ghost_points, streak)
-                streak += 1
+                points, streak = score_ghost(streak, POWER.ghost_points)
+                counted += points
         counted = 0 if game.score == 0 else counted
         shown |= {a.kind: a.value for a in actions}
         assert game.score == counted

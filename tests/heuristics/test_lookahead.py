@@ -7,7 +7,7 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
-from pacman_env.game.execution import COMPLETE, RUNNING
+from pacman_env.game.ends import COMPLETE, RUNNING
 from pacman_env.heuristics.lookahead import Lookahead
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets

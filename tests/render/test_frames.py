@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, RUNNING, TIMEOUT
 from pacman_env.game.power import FRIGHTENED
 from pacman_env.render import symbols
 from pacman_env.render.frames import MapView, map_view, render_frame
-from pacman_env.render.palette import LIGHT, STATES, THEMES, Colour, Theme
+from pacman_env.render.palette import LIGHT, THEMES, Colour, Theme
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapSource, map_assets
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
@@ -210,7 +210,7 @@ def test_padded_pellet_slots_do_not_show() -> None:
 def test_header_alone_shows_end_numbers_and_title() -> None:
     batch = games()
     before = render_frame(batch, 0)
-    assert (before[:HEADER] == STATES[RUNNING][1]).all(axis=-1).any()
+    assert (before[:HEADER] == ENDS[RUNNING].badge).all(axis=-1).any()
 
     def header() -> np.ndarray:
         after = render_frame(batch, 0)
@@ -218,10 +218,10 @@ def test_header_alone_shows_end_numbers_and_title() -> None:
         np.testing.assert_array_equal(before[HEADER:], after[HEADER:])
         return after[:HEADER]
 
-    for end in (DEAD, COMPLETE, CLEARED, TIMEOUT):
+    for end in (CAUGHT, COMPLETE, CLEARED, TIMEOUT):
         batch.games["end"] = end
-        assert (header() == STATES[end][1]).all(axis=-1).any()
-        assert not (header() == STATES[RUNNING][1]).all(axis=-1).any()
+        assert (header() == ENDS[end].badge).all(axis=-1).any()
+        assert not (header() == ENDS[RUNNING].badge).all(axis=-1).any()
     batch.games["end"] = RUNNING
     for field, value in (("step", 400), ("collected", 3), ("spawned", 99), ("lost", 1), ("clyde_speed", 0.35)):
         kept = batch.games[field].copy()
@@ -232,7 +232,7 @@ def test_header_alone_shows_end_numbers_and_title() -> None:
         titled = render_frame(batch, 0, title=title)
         assert (before[:HEADER] != titled[:HEADER]).any()
         np.testing.assert_array_equal(before[HEADER:], titled[HEADER:])
-        assert (titled[:HEADER] == STATES[RUNNING][1]).all(axis=-1).sum() > 500  # the state is not written over
+        assert (titled[:HEADER] == ENDS[RUNNING].badge).all(axis=-1).sum() > 500  # the state is not written over
 
 
 def contrast(*colours: Colour) -> float:
@@ -247,7 +247,7 @@ def contrast(*colours: Colour) -> float:
 def test_theme_is_readable_and_changes_colours_alone(theme: Theme) -> None:
     chosen = THEMES[theme]
     texts = (chosen.ink, chosen.page), (chosen.text, chosen.header), (chosen.muted, chosen.header)
-    assert min(contrast(*pair) for pair in [*texts, *(state[1:] for state in STATES.values())]) >= 4.5
+    assert min(contrast(*pair) for pair in [*texts, *((end.ink, end.badge) for end in ENDS)]) >= 4.5
     outlined = [
         (chosen.pac, chosen.outline),
         *((colour, chosen.ghost_outline) for colour in [*symbols.GHOSTS, FRIGHTENED]),

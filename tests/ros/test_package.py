@@ -17,7 +17,6 @@ from typing import Any
 import pytest
 import yaml
 
-from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
 
@@ -31,11 +30,10 @@ def named() -> set[str | None]:
     return {element.text for element in ElementTree.parse(ROOT / "package.xml").getroot().iter("exec_depend")}
 
 
-def test_package_xml_has_this_version() -> None:
+def test_package_xml_is_for_ament_python() -> None:
     package = ElementTree.parse(ROOT / "package.xml").getroot()
     assert (package.tag, package.get("format")) == ("package", "3")
     assert package.findtext("name") == "pacman_env"
-    assert package.findtext("version") == __version__
     assert package.findtext("export/build_type") == "ament_python"
     assert (ROOT / "resource" / "pacman_env").is_file()
 

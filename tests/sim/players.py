@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from pacman_env.config import Config
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import GeneratedMaps

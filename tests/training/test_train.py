@@ -12,7 +12,7 @@ pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import play
 from pacman_env.executors.executor import InProcess
-from pacman_env.game.execution import COMPLETE
+from pacman_env.game.ends import COMPLETE
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.situation import REFUGE

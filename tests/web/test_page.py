@@ -135,7 +135,7 @@ def test_person_plays_robot_by_map_and_list(visit: Visit) -> None:
     page.press("tab-play")
     page.slide("speed", FASTEST)
     page.wait("document.querySelector('#end-other').textContent", "who was better")
-    assert re.search("(You were better|ppo was better|It is a draw): ppo ", page.text("end-other"))
+    assert re.search(r"(You were better|ppo was better|It is a draw)\. ppo: ", page.text("end-other"))
     assert re.match(r"Pellets: you \d+, ppo \d+", page.text("duel"))
     assert page.value("document.querySelectorAll('#stories li')[0].textContent.includes('played by a person')")
 

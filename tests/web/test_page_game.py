@@ -57,7 +57,7 @@ def test_end_card_leads_on(visit: Visit) -> None:
     won = page.value("document.querySelector('#end').dataset.won")
     assert ("Best time" in page.text("end-best")) == (won == "true")
     page.press("end-compare")
-    page.wait("/clyde_aware (is|collects|runs)/.test(document.querySelector('#end-other').textContent)")
+    page.wait("/clyde_aware: .* after/.test(document.querySelector('#end-other').textContent)")
     page.press("end-moment")
     page.wait("state.story && state.story.index > 0", "the moment is played")
     assert not page.page.is_visible("#end")

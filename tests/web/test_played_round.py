@@ -62,7 +62,7 @@ def test_played_round_equals_environment_bit_for_bit(ghosts: tuple[str, ...]) ->
         *_, info = env.step(int(policy.select(env.situation)[0]))
         game = env.batch.games[0]
         assert snapshot.true == (game["x"], game["y"], game["heading"])
-    assert (info["outcome"], info["collected"]) == (ours.outcome, ours.snapshots[-1].collected)
+    assert (info["outcome"], info["collected"]) == (ours.end.word, ours.snapshots[-1].collected)
 
 
 def test_ghost_without_orders_moves_as_configured() -> None:
@@ -95,7 +95,7 @@ def test_ghost_goes_to_free_cell_nearest_to_click() -> None:
     np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [(x, y)])
     assert not round.over
     played(round, Orders(robot=True, ghosts={0: FOLLOW}))
-    assert (round.outcome, round.catcher) == ("caught", 0)
+    assert (round.end.word, round.catcher) == ("caught", 0)
     np.testing.assert_array_equal(round.snapshots[-1].ghost_goals, [round.snapshots[-1].true[:2]])
 
 

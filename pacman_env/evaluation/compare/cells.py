@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
-from pacman_env.config import Config, ConfigError, make_config
+from pacman_env.config import ClydeConfig, Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert, located
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.evaluation.rounds import scenarios
@@ -96,7 +96,7 @@ def choose_suite(path: Path, name: str) -> Suite:
 
 def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
     suite = choose_suite(arguments.suites or SUITES, arguments.suite)
-    if arguments.clyde_speed != [scenarios.CLYDE_SPEED]:
+    if arguments.clyde_speed != [ClydeConfig.speed_mps]:
         raise ValueError("--clyde-speed: must not be combined with --suite, whose cells have speeds")
     given = scenarios.from_arguments(arguments)
     if any(isinstance(scenario, Levels) for scenario in given):

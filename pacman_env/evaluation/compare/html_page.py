@@ -14,9 +14,10 @@ from pacman_env.evaluation.compare.results import replay_command
 from pacman_env.evaluation.compare.text_table import group_title, groups, meaning, table_of, verdict
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.evaluation.templates import render
+from pacman_env.game.ends import ENDS
 
 _ROUNDS_SHOWN = 12  # rounds shown that only one of two policies completes
-_END_NAMES = {"C": "complete", "D": "caught", "T": "time-out", "L": "pellets lost"}
+_END_NAMES = {end.letter: end.name for end in ENDS}
 
 
 def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, poster: bytes | None) -> str:

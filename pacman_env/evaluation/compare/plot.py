@@ -11,15 +11,10 @@ from numpy.typing import NDArray
 from pacman_env.evaluation.compare.text_table import group_title, groups, short_name
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.files import replaced
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
-# Okabe and Ito's palette for colour-blind readers
-_COMPLETE, _ALL_BUT_ONE = "#0072B2", "#56B4E9"
-_ENDS = (
-    ("completion_rate", "complete", "#0072B2"),
-    ("cleared_rate", "no pellet left, some lost", "#CC79A7"),
-    ("timeout_rate", "time-out", "#F0E442"),
-    ("death_rate", "caught by Clyde", "#D55E00"),
-)
+_COMPLETE, _ALL_BUT_ONE = ENDS[COMPLETE].chart, "#56B4E9"
+_DARK = ENDS[COMPLETE].chart, ENDS[CAUGHT].chart  # text on them is white
 _ROOM_FOR_TEXT = 0.08  # narrower parts of a bar have no number
 
 
@@ -78,7 +73,7 @@ def _games(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
 
 def _rates(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     for offset, key, label, colour in (
-        (-0.2, "completion", "every pellet collected", _COMPLETE),
+        (-0.2, "completion", ENDS[COMPLETE].meaning, _COMPLETE),
         (0.2, "all_but_one", "all, or all but one", _ALL_BUT_ONE),
     ):
         rate = np.array([row[f"{key}_rate"] for row in band])
@@ -94,10 +89,10 @@ def _rates(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
 
 def _ends(axes: Any, band: Sequence[Row], y: NDArray[np.int64]) -> None:
     start = np.zeros(len(band))
-    for key, label, colour in _ENDS:
-        share = np.array([row[key] for row in band])
-        axes.barh(y, 100 * share, 0.6, left=100 * start, color=colour, label=label, edgecolor="white", lw=0.8)
-        text_colour = "white" if colour in ("#0072B2", "#D55E00") else "black"
+    for end in (ENDS[code] for code in (COMPLETE, CLEARED, TIMEOUT, CAUGHT)):
+        share = np.array([row[f"{end.field}_rate"] for row in band])
+        axes.barh(y, 100 * share, 0.6, left=100 * start, color=end.chart, label=end.name, edgecolor="white", lw=0.8)
+        text_colour = "white" if end.chart in _DARK else "black"
         for position, value, left in zip(y, share, start, strict=True):
             if value >= _ROOM_FOR_TEXT:
                 centre = 100 * (left + value / 2)

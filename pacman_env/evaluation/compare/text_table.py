@@ -5,6 +5,7 @@ import textwrap
 from collections.abc import Callable, Sequence
 
 from pacman_env.evaluation.rounds.summary import Row
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
 WIDTH = 136  # columns of text; fits the table unless names are long
 _NAME_WIDTH = 22
@@ -116,21 +117,21 @@ def _difference(row: Row, first: bool) -> str:
     return "-" if first else with_interval(row["paired_difference"], row["paired_ci"], "+", text)
 
 
+_COMPLETE, _CLEARED = ENDS[COMPLETE], ENDS[CLEARED]
+_FAILED = ENDS[CAUGHT], _CLEARED, ENDS[TIMEOUT]
 _CAUGHT = "ghosts"  # column of the ghosts caught
 _POLICY: dict[str, _Cell] = {"policy": lambda row: short_name(row["policy"])}
 _GHOSTS: dict[str, _Cell] = {
     _CAUGHT: lambda row: with_interval(row["ghosts_caught_mean"], row["ghosts_caught_ci"], text=_number),
 }
 _ENDS: dict[str, _Cell] = {
-    "death": lambda row: percent(row["death_rate"]),
-    "lossy": lambda row: percent(row["cleared_rate"]),
-    "time-out": lambda row: percent(row["timeout_rate"]),
+    **{end.name: lambda row, end=end: percent(row[f"{end.field}_rate"]) for end in _FAILED},  # type: ignore[misc]
     "time s": lambda row: f"{row['time_mean_s']:.1f}",
     "p50 ms": lambda row: f"{row['decision_ms_p50']:.3f}",
     "p99 ms": lambda row: f"{row['decision_ms_p99']:.3f}",
 }
 _ROUND: dict[str, _Cell] = {
-    "complete": lambda row: with_interval(row["completion_rate"], row["completion_ci"]),
+    _COMPLETE.name: lambda row: with_interval(row["completion_rate"], row["completion_ci"]),
     "all but one": lambda row: with_interval(row["all_but_one_rate"], row["all_but_one_ci"]),
     "pellets": lambda row: f"{row['pellets_mean']:.2f}",
 }
@@ -141,13 +142,13 @@ _ENDLESS: dict[str, _Cell] = {
     "most": lambda row: f"{row['rounds_most']}",
 }
 _ROUND_MEANING = (
-    "Rates in %, with 95 % intervals. complete: every pellet collected; all but one: at most one not collected;"
-    " pellets: mean collected; lossy: no pellet left, but some lost to aborted goals; time: mean of all"
-    " episodes; p50, p99: one decision, policy only; difference: completion minus that of"
+    f"Rates in %, with 95 % intervals. {_COMPLETE.name}: {_COMPLETE.meaning}; all but one: at most one not collected;"
+    f" pellets: mean collected; {_CLEARED.name}: {_CLEARED.meaning}; time: mean of all episodes;"
+    " p50, p99: one decision, policy only; difference: completion minus that of"
 )
 _ENDLESS_MEANING = (
     "Endless games: round after round, Clyde faster each time, until the robot is caught. Means with 95 % bootstrap"
-    " intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game; death, lossy (no pellet"
-    " left, but some lost to aborted goals), time-out (of a round): how games ended, in %; time: mean of a whole game;"
-    " p50, p99: one decision, policy only; difference: pellets per game minus those of"
+    f" intervals. pellets per game: over all rounds; rounds: mean completed; most: in one game; {_CLEARED.name}:"
+    f" {_CLEARED.meaning}; {', '.join(end.name for end in _FAILED)} (of a round): how games ended, in %; time:"
+    " mean of a whole game; p50, p99: one decision, policy only; difference: pellets per game minus those of"
 )

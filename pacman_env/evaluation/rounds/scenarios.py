@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pacman_env.command_line.command import finite_number, whole_number
 from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
-from pacman_env.config import EXECUTIONS, Config, ConfigError, make_config, parse_settings
+from pacman_env.config import EXECUTIONS, ClydeConfig, Config, ConfigError, make_config, parse_settings
 from pacman_env.config.validation import require
 from pacman_env.files import displayable, install_command
 from pacman_env.policies.base import Policy
@@ -32,7 +32,6 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
-CLYDE_SPEED = 0.25  # default, m/s
 _SPLITS = ("train", "test")
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # about 4 MB each
@@ -173,7 +172,7 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
     add_scenario_arguments(parser, several=several)
     add_rule_arguments(parser)
     add = parser.add_argument
-    add_game_option(parser, "--clyde-speed", nargs="+" if several else 1, default=[CLYDE_SPEED])
+    add_game_option(parser, "--clyde-speed", nargs="+" if several else 1, default=[ClydeConfig.speed_mps])
     add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
     add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
     add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")

@@ -15,12 +15,12 @@ Rows of a suite also have ``group`` (``test levels`` or ``given maps``), ``ghost
 :func:`worst_tenth`). Every row has ``map`` (null: all maps of the group), ``policy``, ``clyde_speed`` (m/s), ``kind``
 (``round``, or ``endless`` for endless games), ``episodes``, ``levels`` (number of different levels), ``pellets`` and
 ``pellets_least`` (most and fewest in a round); rates 0..1 with 95 % Wilson intervals [low, high]:
-``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate`` (no pellet left, some lost); means per episode:
+``death_rate``/``_ci``, ``timeout_rate``, ``cleared_rate`` (no pellet left, but some lost); means per episode:
 ``pellets_mean``, ``ghosts_caught_mean``/``_ci`` (bootstrap, stratified by map; 0 without power pellets),
 ``time_mean_s``; times of one decision of the policy alone, ``decision_ms_p50`` and ``_p99``, and ``decision_ms`` with
 more percentiles, over ``decisions_timed`` samples. A row of one map also has the results of its rounds, in the order of
-the seeds: ``outcomes`` with ``end`` (a letter each, ``ENDS``: C complete, L cleared but some lost, D caught, T time-
-out), ``collected``, ``time_s`` and, on several levels, ``level``.
+the seeds: ``outcomes`` with ``end`` (a letter each, see ``game/ends.py``), ``collected``, ``time_s`` and, on several
+levels, ``level``.
 
 A row of kind ``round`` adds ``completion_rate``/``_ci``, ``all_but_one_rate``/``_ci``, ``pellets_share`` (mean share of
 a round's pellets), ``lost_mean``, ``aborts_mean``, ``win_time_mean_s`` (null without a win), and
@@ -39,11 +39,10 @@ from numpy.typing import NDArray
 
 from pacman_env.episodes.statistics import Interval, bootstrapped_mean, paired_difference, wilson
 from pacman_env.evaluation.rounds.matchups import Played
-from pacman_env.game.execution import CLEARED, COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
 SCHEMA = 3
 Row = dict[str, Any]
-ENDS = {COMPLETE: "C", CLEARED: "L", DEAD: "D", TIMEOUT: "T"}
 LEAST_ROUNDS = 4  # least rounds of a level or map that counts for the worst tenth
 _DRAWS = 0  # the same seed for each bootstrap, so that only rounds cause differences
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
@@ -147,11 +146,8 @@ def _rate(name: str, which: NDArray[np.bool_]) -> Row:
 
 
 def _ends(records: NDArray) -> Row:
-    return {
-        **_rate("death", records["end"] == DEAD),
-        "timeout_rate": float((records["end"] == TIMEOUT).mean()),
-        "cleared_rate": float((records["end"] == CLEARED).mean()),
-    }
+    shares = {f"{ENDS[end].field}_rate": float((records["end"] == end).mean()) for end in (TIMEOUT, CLEARED)}
+    return _rate(ENDS[CAUGHT].field, records["end"] == CAUGHT) | shares
 
 
 def _common(parts: Sequence[NDArray]) -> Row:
@@ -178,7 +174,7 @@ def _decisions(decision_ms: NDArray[np.float64]) -> Row:
 
 def _outcomes(records: NDArray, endless: bool) -> Row:
     outcomes: dict[str, Any] = {
-        "end": "".join(ENDS[end] for end in records["end"].tolist()),
+        "end": "".join(ENDS[end].letter for end in records["end"].tolist()),
         "collected": records["collected"].tolist(),
         "time_s": [round(t, 3) for t in records["time_s"].tolist()],
     }

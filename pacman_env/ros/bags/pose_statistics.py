@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.game.decisions import HOLD, LastDecision
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets

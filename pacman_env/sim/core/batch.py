@@ -13,7 +13,7 @@ from ...engine.arrays import Table, zeros
 from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
-from ...game.execution import COMPLETE
+from ...game.ends import COMPLETE
 from ...game.round import clyde_speed_mps
 from ...world.navigation.planner import detour_memory
 from ..maps.assets import MapAssets

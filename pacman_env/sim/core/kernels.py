@@ -11,20 +11,8 @@ import numpy as np
 from ...engine.arrays import Array
 from ...engine.jit import kernel
 from ...game.decisions import decision_due
-from ...game.execution import (
-    CANCEL,
-    CHECK,
-    CHOICE,
-    NO_CHOICE,
-    RESULT,
-    RUNNING,
-    SEND,
-    TIMEOUT,
-    Board,
-    closing_speed,
-    goal_of,
-    transition,
-)
+from ...game.ends import RUNNING, TIMEOUT
+from ...game.execution import CANCEL, CHECK, CHOICE, NO_CHOICE, RESULT, SEND, Board, closing_speed, goal_of, transition
 from ...game.ghosts import ghost_stream, spawn
 from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_harmless
 from ...game.reward import reward
@@ -152,13 +140,12 @@ def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
 def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
     """Apply an event of Algorithm 4 to game i, cancel its goal if required, and return the action."""
     g = a.games[i]
-    collected, power, caught, bonus = g.collected, g.power, g.caught, g.bonus
+    collected, power, caught = g.collected, g.power, g.caught
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
     level = level_arrays(a.levels[g.level])
     board = Board(level.goal_xy, a.obstacles[i], a.alive[i], level.power, a.waits[i], a.aborts[i])
     action = transition(g, event, value, (x, y), g.step, navigating, board, a.parameters[0])
     new_pellets, new_power, new_caught = g.collected - collected, g.power - power, g.caught - caught
-    g.score += new_pellets + g.bonus - bonus
     g.all_collected += new_pellets
     g.all_caught += new_caught
     g.tick_pellets += new_pellets

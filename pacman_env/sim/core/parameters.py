@@ -40,7 +40,6 @@ _FIELDS = [
     ("round", np.int32),  # from 1
     ("all_collected", np.int32),  # pellets over all rounds
     ("all_caught", np.int32),  # ghosts caught over all rounds
-    ("score", np.int32),  # points over all rounds
     ("level", np.int32),  # slot of the map
     ("refuges", np.int32),  # number of refuges of the map, which follow its pellets
     ("base_clyde_speed", np.float64),  # speed in round 1, m/s

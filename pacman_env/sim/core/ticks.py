@@ -11,7 +11,7 @@ from ...engine.arrays import Array, arrays_by_address
 from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import table_kernel
 from ...engine.native import address_of
-from ...game.execution import RUNNING, TIMEOUT
+from ...game.ends import RUNNING, TIMEOUT
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body

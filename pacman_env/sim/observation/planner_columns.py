@@ -6,6 +6,8 @@ divided by 5 m, so it has no unit. The pages of the environments show these comm
 
 import enum
 
+from ...game.behaviour_belief import BELIEVED
+
 FAR_M = 20.0
 MOST = 5.0
 GHOST_TOKENS = 4  # number of described ghosts, nearest first
@@ -71,7 +73,7 @@ class GlobalColumn(enum.IntEnum):
 
 
 class TokenColumn(enum.IntEnum):
-    """Columns of one of the nearest ghosts."""
+    """Columns of one of the nearest ghosts; the probabilities of its behaviours follow."""
 
     THERE = 0  # 1 if these columns describe a ghost, otherwise 0
     DISTANCE = enum.auto()  # straight distance to the robot / 5 m
@@ -79,13 +81,11 @@ class TokenColumn(enum.IntEnum):
     PATH = enum.auto()  # lower bound of the path length to the robot / 5 m
     TOWARDS = enum.auto()  # cosine between its velocity and the direction to the robot
     SPEED = enum.auto()  # speed in this round / 0.5 m/s
-    ARCADE = enum.auto()  # probability of the behaviour `arcade`
-    CHASE = enum.auto()  # probability of the behaviour `chase`
-    OTHER = enum.auto()  # probability of a behaviour other than `wander`, `arcade` and `chase`
 
 
+TOKEN_FEATURES = (*(column.name.lower() for column in TokenColumn), *BELIEVED[1:])  # the first follows from the others
 CANDIDATE_FEATURES = tuple(column.name.lower() for column in CandidateColumn)
 GLOBAL_FEATURES = (
     *(column.name.lower() for column in GlobalColumn),
-    *(f"ghost_{k}_{column.name.lower()}" for k in range(GHOST_TOKENS) for column in TokenColumn),
+    *(f"ghost_{k}_{name}" for k in range(GHOST_TOKENS) for name in TOKEN_FEATURES),
 )

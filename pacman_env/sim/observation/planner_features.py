@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
 from ...engine.pipeline import Stage
-from ...game.behaviour_belief import ARCADE, CHASES, OTHER, comes
+from ...game.behaviour_belief import BELIEVED, comes
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
@@ -32,6 +32,7 @@ from .planner_columns import (
     GHOST_TOKENS,
     GLOBAL_FEATURES,
     MOST,
+    TOKEN_FEATURES,
     CandidateColumn,
     GlobalColumn,
     TokenColumn,
@@ -47,7 +48,8 @@ _AROUND_M = 2.5  # pellets within this path length count as around a place
 _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 
 _CANDIDATE_COLUMNS, _WHOLE_COLUMNS = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
-_TOKENS, _TOKEN = len(GlobalColumn), len(TokenColumn)  # first column of the ghosts, columns of one ghost
+_TOKENS, _TOKEN = len(GlobalColumn), len(TOKEN_FEATURES)  # first column of the ghosts, columns of one ghost
+_BELIEVED, _PROBABILITIES = len(BELIEVED), len(TokenColumn)  # number of behaviours, first column of a ghost's
 
 
 class _PlannerArrays(NamedTuple):
@@ -142,12 +144,8 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
         t[TokenColumn.PATH] = min(path, FAR_M) / 5.0
         t[TokenColumn.TOWARDS] = (vx * (x - gx) + vy * (y - gy)) / (v * best) if v * best > 1e-6 else 0.0
         t[TokenColumn.SPEED] = min(speed / 0.5, 4.0)
-        belief = s.belief[i, nearest]
-        t[TokenColumn.ARCADE], t[TokenColumn.CHASE], t[TokenColumn.OTHER] = (
-            belief[ARCADE],
-            belief[CHASES],
-            belief[OTHER],
-        )
+        for b in range(1, _BELIEVED):
+            t[_PROBABILITIES + b - 1] = s.belief[i, nearest, b]
 
 
 @kernel

@@ -17,6 +17,7 @@ let ended = null; // the round that the card shows: an entry of the finished rou
 let lastState = "";
 let last = {}; // frame of the round's end: at home, lives and level are of the next round
 
+export const resultWords = (result) => state.hello.results[result] ?? result;
 const playsGhost = ({ ghosts_played: played = [] }) => played.some((ghost) => state.role === `ghost-${ghost}`);
 const isPlayersWin = ({ result }) => ["complete", "cleared"].includes(result); // of the robot
 const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : isPlayersWin(entry));
@@ -25,7 +26,7 @@ const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : isPlay
 function titleOf(entry) {
   const { result, catcher } = entry;
   const by = state.hello.roles[`ghost-${catcher}`]?.name;
-  const words = state.hello.results[result] ?? result;
+  const words = resultWords(result);
   if (playsGhost(entry) && result !== "caught") return `You lost: ${words.toLowerCase()}`;
   if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You won: you caught the robot" : `${by} caught the robot`;
   return result === "caught" && by ? `Caught by ${by}` : words;
@@ -99,9 +100,7 @@ function showActions() {
 }
 
 function otherWords(policy, { result, collected, time_s: time }) {
-  if (result === "complete") return `${policy} collects all pellets in ${clock(time)}.`;
-  const how = result === "caught" ? "is caught" : "runs out of time";
-  return `${policy} ${how} after ${clock(time)}, with ${counted(collected, "pellet")}.`;
+  return `${policy}: ${resultWords(result).toLowerCase()} after ${clock(time)}, with ${counted(collected, "pellet")}.`;
 }
 
 // Compares a round that a person has played with the policy's.
@@ -112,7 +111,7 @@ function comparison(entry) {
   const [policy] = entry.policies;
   const player = state.role === "robot" ? "You were" : `${state.people.roles.robot ?? "The player"} was`;
   const better = lead ? `${lead > 0 ? player : `${policy} was`} better` : "It is a draw";
-  return `${better}: ${otherWords(policy, entry.second)}`;
+  return `${better}. ${otherWords(policy, entry.second)}`;
 }
 
 $("end-compare").onclick = async () => {

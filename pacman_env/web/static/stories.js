@@ -2,7 +2,7 @@
 
 import { address, ask, request, token } from "./connection.js";
 import { $, button, clock, counted, isShortcut, make, renderReleased, setIcon, write } from "./dom.js";
-import { onMoment, showResult } from "./end.js";
+import { onMoment, resultWords, showResult } from "./end.js";
 import * as map from "./map.js";
 import { notice, question } from "./notices.js";
 import { parseSetting } from "./settings.js";
@@ -23,7 +23,7 @@ let entries = []; // as the server lists them
 let playing = 0; // the timer
 let explainTimer = 0;
 
-const resultOf = ({ result, collected, spawned }) => `${state.hello.results[result] ?? result}: ${collected} of ${spawned}`;
+const resultOf = ({ result, collected, spawned }) => `${resultWords(result)}: ${collected} of ${spawned}`;
 
 // Lists the rounds anew. Returns the entry of the one with this number.
 async function load(number) {
@@ -51,7 +51,7 @@ function showList() {
     const details = [entry.map, `seed ${entry.seed}`, player, disagree];
     return make("li", { class: state.story?.entry.story === story ? "open" : "", data: { story } },
       make("span", {}, make("strong", { text: resultOf(entry) }),
-        `${caught} in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${second.result})` : ""}`),
+        `${caught} in ${clock(entry.time_s)}${second ? `, ${policy} ${second.collected} (${resultWords(second.result).toLowerCase()})` : ""}`),
       button("Open", { "aria-label": `Open round ${story}`, onclick: () => open(story) }),
       make("span", { class: "quiet", text: details.filter(Boolean).join(" · ") }));
   })));

@@ -16,7 +16,7 @@ from pacman_env.evaluation.compare.__main__ import main
 from pacman_env.evaluation.compare.cells import SUITES, read_suites
 from pacman_env.evaluation.compare.league_table import against_best, means
 from pacman_env.evaluation.rounds.summary import Row, make_row
-from pacman_env.game.execution import COMPLETE, DEAD
+from pacman_env.game.ends import CAUGHT, COMPLETE
 from tests.evaluation.helpers import records
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "leaderboard.md"
@@ -107,7 +107,7 @@ def test_views_show_every_cell_of_every_policy(tiny: Path) -> None:
 
 def rows(*ends: str, group: str = "test levels", speed: float = 0.2) -> list[Row]:
     """Return the rows of a cell, whose policies complete the rounds marked with C."""
-    played = [records([COMPLETE if end == "C" else DEAD for end in one], [8] * len(one)) for one in ends]
+    played = [records([COMPLETE if end == "C" else CAUGHT for end in one], [8] * len(one)) for one in ends]
     about = {"group": group, "map": "home", "ghosts": ["wander"], "clyde_speed": speed}
     return [
         make_row({**about, "policy": f"p{k}"}, [(one, np.ones(1))], [played[0]] if k else None)

@@ -71,8 +71,8 @@ def test_endless_games_have_their_own_columns() -> None:
     text = render(rows(endless=True))
     title, header, first, second = text.splitlines()[:4]
     assert title == "home: 8 pellets, Clyde at 0.25 m/s, 5 endless games"
-    words = " ".join(header.split())
-    assert words == "policy pellets per game median rounds most death lossy time-out time s p50 ms p99 ms difference"
+    words = "policy pellets per game median rounds most caught cleared time limit time s p50 ms p99 ms difference"
+    assert " ".join(header.split()) == words
     assert first.split()[:2] == ["clyde_aware", "5.0"]
     assert first.split()[4:] == ["7", "0.00", "0", "20.0", "20.0", "20.0", "30.0", "0.500", "0.500", "-"]
     assert second.split()[-3] == "-2.6"

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config
-from pacman_env.envs.outcome import OUTCOMES
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.replay import RecordedGame, film
 from pacman_env.evaluation.rounds.scenarios import Scenario, open_scenario
+from pacman_env.game.ends import ENDS
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_on
 
 SEED = episode_seeds(5, 1)[0]
@@ -44,7 +44,7 @@ def test_replayed_game_equals_comparison(policy: str, scenario: Scenario, config
     record = max(records, key=lambda one: (one["rounds"], one["time_s"]))
     game = watched(policy, record["seed"], scenario, config)
     assert game.level == record["level"]
-    end, after = OUTCOMES[record["end"]], f" after {record['time_s']:.1f} s, {record['collected']}"
+    end, after = ENDS[record["end"]].name, f" after {record['time_s']:.1f} s, {record['collected']}"
     caught = f", {record['ghosts_caught']} ghosts caught" if config.power.pellets else ""
     assert game.outcome().endswith(caught)
     if not config.endless:

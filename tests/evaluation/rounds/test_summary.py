@@ -5,7 +5,7 @@ import pytest
 
 from pacman_env.episodes.statistics import bootstrapped_mean, paired_difference, wilson
 from pacman_env.evaluation.rounds.summary import Row, make_row, worst_tenth
-from pacman_env.game.execution import COMPLETE, DEAD, TIMEOUT
+from pacman_env.game.ends import CAUGHT, COMPLETE, TIMEOUT
 from tests.evaluation.helpers import FIVE, OTHER_FIVE, records
 
 PROMISED = {
@@ -35,7 +35,7 @@ def test_row_counts_rounds_by_how_they_ended() -> None:
     assert r["completion_ci"] == list(wilson(2, 5))
     assert r["all_but_one_ci"] == list(wilson(3, 5))
     assert (r["paired_difference"], r["paired_ci"]) == (0.0, [0.0, 0.0])  # to no other policy
-    assert row(records([DEAD, DEAD], [0, 3]))["win_time_mean_s"] is None
+    assert row(records([CAUGHT, CAUGHT], [0, 3]))["win_time_mean_s"] is None
 
 
 @pytest.mark.parametrize("endless", [False, True])
@@ -84,7 +84,7 @@ def test_decision_times_are_percentiles() -> None:
 
 
 def test_endless_row_counts_pellets_and_rounds() -> None:
-    games = records([DEAD, DEAD, TIMEOUT], [3, 20, 40])
+    games = records([CAUGHT, CAUGHT, TIMEOUT], [3, 20, 40])
     games["rounds"] = [0, 2, 5]
     r = row(games, endless=True)
     assert json.loads(json.dumps(r, allow_nan=False)) == r
@@ -96,21 +96,21 @@ def test_endless_row_counts_pellets_and_rounds() -> None:
 
 
 def test_endless_difference_is_paired_by_game() -> None:
-    ours, theirs = records([DEAD] * 4, [10, 20, 30, 40]), records([DEAD] * 4, [8, 18, 28, 38])
+    ours, theirs = records([CAUGHT] * 4, [10, 20, 30, 40]), records([CAUGHT] * 4, [8, 18, 28, 38])
     r = row(ours, first=theirs, endless=True)
     assert (r["paired_difference"], r["paired_ci"]) == (2.0, [2.0, 2.0])  # unpaired, they would not differ
     assert row(theirs, endless=True)["paired_ci"] == [0.0, 0.0]
 
 
 def test_row_of_several_maps_is_stratified() -> None:
-    games = [records([DEAD] * 3, [10, 10, 10]), records([DEAD] * 3, [30, 30, 30])]
+    games = [records([CAUGHT] * 3, [10, 10, 10]), records([CAUGHT] * 3, [30, 30, 30])]
     r = make_row({}, [(one, np.ones(1)) for one in games], endless=True)
     assert (r["pellets_mean"], r["pellets_ci"], r["episodes"]) == (20.0, [20.0, 20.0], 6)
     assert "outcomes" not in r
 
 
 def on_levels(complete: np.ndarray, level: np.ndarray) -> np.ndarray:
-    rounds = records([COMPLETE if one else DEAD for one in complete], [8] * len(complete))
+    rounds = records([COMPLETE if one else CAUGHT for one in complete], [8] * len(complete))
     rounds["level"] = level
     return rounds
 

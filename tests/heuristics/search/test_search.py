@@ -10,7 +10,7 @@ import pytest
 
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.behaviour_belief import BELIEVED
-from pacman_env.game.execution import COMPLETE, DEAD
+from pacman_env.game.ends import CAUGHT, COMPLETE
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search import search as module
 from pacman_env.heuristics.search.search import Search, is_predictable
@@ -111,7 +111,7 @@ def test_more_time_widens_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_search_flees_from_a_believed_chaser(speed_mps: float, nodes: int) -> None:
     config = config_of("chase", **{"clyde.speed_mps": speed_mps})
     record, _ = play(map_assets("house", config), config, Search(nodes=nodes), episode_seeds(0, 12), batch_size=12)
-    assert (record["end"] != DEAD).sum() >= 9
+    assert (record["end"] != CAUGHT).sum() >= 9
     assert (record["end"] == COMPLETE).sum() >= 6, "slow rounds end at the time limit"
 
 

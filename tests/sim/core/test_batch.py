@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, ConfigError, make_config
-from pacman_env.game.execution import DEAD, RUNNING, TIMEOUT
+from pacman_env.game.ends import CAUGHT, RUNNING, TIMEOUT
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.drawn import drawn
@@ -75,7 +75,7 @@ def to_clyde(batch: GameBatch, game: int = 0) -> float:
     return float(np.hypot(*(situation.robot[game, :2] - situation.clyde[game])))
 
 
-@pytest.mark.parametrize(("share", "end"), [(1.001, DEAD), (0.999, RUNNING)])
+@pytest.mark.parametrize(("share", "end"), [(1.001, CAUGHT), (0.999, RUNNING)])
 def test_robot_dies_within_believed_death_radius(share: float, end: int) -> None:
     batch = new_batch(make_config("robot", **SHY))
     put_clyde(batch, 0, batch.games["x"][0] + 1.0, batch.games["y"][0])
@@ -116,7 +116,7 @@ def test_ended_game_ignores_choices() -> None:
     put_clyde(batch, 1, batch.games["x"][1], batch.games["y"][1])
     while batch.games["end"][1] == RUNNING:
         batch.step(np.array([5, batch.hold, 5]))
-    assert (batch.games["end"][1], batch.games["pursued"][1]) == (DEAD, -1)
+    assert (batch.games["end"][1], batch.games["pursued"][1]) == (CAUGHT, -1)
     game, situation, alive = batch.games[1].copy(), batch.situation(), batch.alive[1].copy()
     for choice in [*range(5), batch.hold] * 3:
         batch.step(np.array([5, choice, 5]))

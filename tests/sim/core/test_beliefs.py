@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import make_config
 from pacman_env.game.behaviour_belief import ANY_PLACE, ARCADE, BELIEVED, CHASES, PRIOR
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.beliefs import apart_cm, places_left
 from pacman_env.sim.maps.assets import map_assets

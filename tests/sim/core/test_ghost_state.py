@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.game.execution import DEAD, RUNNING
+from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghost_state import cell_choice
 from tests.drawn import drawn
@@ -172,7 +172,7 @@ def test_any_ghost_kills() -> None:
     for ghost in range(4):
         batch.place_ghost(ghost, ghost, float(batch.games["x"][ghost]), float(batch.games["y"][ghost]))
     hold(batch)
-    assert batch.games["end"].tolist() == [DEAD] * 4 + [RUNNING]
+    assert batch.games["end"].tolist() == [CAUGHT] * 4 + [RUNNING]
 
 
 def test_nearest_ghost_leads_and_paths_are_shortest() -> None:

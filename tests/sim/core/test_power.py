@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
-from pacman_env.game.execution import DEAD, RUNNING
+from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.game.power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
 from pacman_env.sim.core.batch import GameBatch
 from tests.sim.players import new_batch
@@ -76,7 +76,7 @@ class Watched:
         nearest = np.where(now.harmless, np.inf, apart).min(axis=1)
         to_clyde = np.hypot(*(now.clyde - now.robot[:, :2]).T)
         np.testing.assert_allclose(to_clyde, np.where(np.isfinite(nearest), nearest, 1000.0))
-        for i in np.flatnonzero(g["end"] == DEAD):
+        for i in np.flatnonzero(g["end"] == CAUGHT):
             assert self.batch.obstacles[i, g["catcher"][i], HARMLESS_UNTIL] <= g["step"][i]
         self.frightened += int((now.frightened_s > 0).sum())
 

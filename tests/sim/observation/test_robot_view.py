@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import PelletConfig, make_config
-from pacman_env.game.execution import RUNNING
+from pacman_env.game.ends import RUNNING
 from pacman_env.game.goals import Place
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.game.power import HARMLESS_UNTIL

@@ -90,8 +90,8 @@ def test_inflation_gives_nav2_costs() -> None:
     d = np.array([0.0, 0.05, 0.15, 0.186, 0.2, 0.21213, 0.25, 0.2501, 0.3, 5.0], dtype=np.float64)
     # 252 exp(-2 (d - 0.186)): 245.04 at 0.2, 239.17 at 0.21213, 221.73 at 0.25; ceil(0.22 / 0.05) = 5 cells reach 0.25
     expected = [LETHAL, INSCRIBED, INSCRIBED, INSCRIBED, 245, 239, 221, 0, 0, 0]
-    assert inflate(d[None], 0.05, ROBOT, NAV2)[0].tolist() == expected
-    wide = Nav2Config(inflation_radius_m=1.0, inflation_scale=5.0)
+    narrow, wide = (Nav2Config(inflation_radius_m=m, inflation_scale=k) for m, k in ((0.22, 2.0), (1.0, 5.0)))
+    assert inflate(d[None], 0.05, ROBOT, narrow)[0].tolist() == expected
     # 252 exp(-5 (0.5 - 0.186)) = 52.42; 252 exp(-5 (1 - 0.186)) = 4.30
     assert inflate(np.array([[0.5, 1.0, 1.03]]), 0.1, ROBOT, wide)[0].tolist() == [52, 4, 0]
 

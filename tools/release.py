@@ -1,0 +1,37 @@
+"""Set the version of a release: ``python -m tools.release 0.24.0``.
+
+The version is in ``pacman_env/_version.py``. This command writes it there, and with today's date into the files where
+other programs look for it.
+"""
+
+import datetime
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from pacman_env.command_line.command import Parser, run_command
+from tools.common import ROOT, update
+
+
+def texts(version: str, date: str) -> Iterator[tuple[Path, str]]:
+    """Yield the files that contain the version, and their texts for a version and its date."""
+    top, heading = r"## \[Unreleased\]", f"## [{version}] - {date}"
+    for name, pattern, words in (
+        ("pacman_env/_version.py", "__version__ = .*", f'__version__ = "{version}"'),
+        ("package.xml", "<version>.*</version>", f"<version>{version}</version>"),
+        ("CITATION.cff", "\nversion: .*\ndate-released: .*", f"\nversion: {version}\ndate-released: {date}"),
+        ("CHANGELOG.md", rf"{top}(\n\n## \[{version}\].*)?", f"## [Unreleased]\n\n{heading}"),
+    ):
+        yield ROOT / name, re.sub(pattern, words, (ROOT / name).read_text(encoding="utf-8"), count=1)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(prog="python -m tools.release", description="Write the version of a release into all files.")
+    parser.add_argument("version", metavar="X.Y.Z")
+    today = str(datetime.date.today())
+    return run_command(parser, argv, lambda given: max(update(*one, False, "") for one in texts(given.version, today)))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
