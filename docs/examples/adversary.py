@@ -17,6 +17,7 @@ import torch
 from tqdm import tqdm
 
 from pacman_env import BehaviourOpponent, Opponents, make_policy, wilson
+from pacman_env.executors.executor import InThreads
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
 from pacman_env.training.collector import Collector
@@ -26,7 +27,6 @@ from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO, imitate
 from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.threads import InThreads
 from pacman_env.training.training_games import facts_of, make_ghost_parts, make_parts
 
 RULES = ("lookahead", "clyde_aware")

@@ -2,10 +2,15 @@
 
 import contextlib
 import pickle
+import sys
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
+
+from pacman_env.engine.cores import cores
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -103,3 +108,44 @@ def _survives(error: Exception) -> bool:
     except Exception:  # its own code is called, and may fail anywhere
         return False
     return type(copy) is type(error) and str(copy) == str(error)
+
+
+class InThreads(InProcess):
+    """Run tasks in threads of this process (0: one per core)."""
+
+    def __init__(self, threads: int) -> None:
+        super().__init__()
+        self.workers = threads or cores()
+        self._pool = ThreadPoolExecutor(self.workers, "tasks")
+
+    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
+        if self.workers == 1:
+            yield from super().run(function, tasks)
+            return
+        running = [self._pool.submit(attempt, function, number, task) for number, task in enumerate(tasks)]
+        try:
+            for future in as_completed(running):
+                yield future.result()
+        finally:
+            for future in running:
+                future.cancel()
+            wait(running)
+
+    def close(self) -> None:
+        self._pool.shutdown()
+
+
+@contextlib.contextmanager
+def bar_of(executor: Executor, total: int, unit: str) -> Iterator[Any]:
+    """Yield a tqdm bar of ``total`` units, which also shows the number of workers."""
+    from tqdm import tqdm
+
+    with warnings.catch_warnings(action="ignore"):  # asks notebooks for ipywidgets, which this bar does not use
+        from tqdm.contrib.logging import logging_redirect_tqdm
+
+    workers = {"workers": executor.workers}
+    with (
+        logging_redirect_tqdm(),
+        tqdm(total=total, unit=unit, mininterval=1.0, file=sys.stderr, postfix=workers) as bar,
+    ):
+        yield bar

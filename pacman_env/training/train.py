@@ -24,7 +24,7 @@ from tqdm import tqdm
 from pacman_env.command_line.command import Parser, guarded
 from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.executors.executor import Executor
+from pacman_env.executors.executor import Executor, InThreads
 from pacman_env.policies.base import Policy
 from pacman_env.training import checkpoint
 from pacman_env.training.collector import Collector
@@ -35,7 +35,6 @@ from pacman_env.training.lineups import teacher_name
 from pacman_env.training.ppo import PPO, imitate
 from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.run_folder import Run
-from pacman_env.training.threads import InThreads
 from pacman_env.training.training_games import clyde_limit, dropped, game_config, make_parts
 
 T = TypeVar("T")

@@ -11,7 +11,7 @@ pytest.importorskip("sb3_contrib")
 
 import torch
 
-from pacman_env.executors.executor import Executor, InProcess
+from pacman_env.executors.executor import Executor, InProcess, InThreads
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
@@ -19,7 +19,6 @@ from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, How
 from pacman_env.training.planner_network import EntityNetwork
 from pacman_env.training.ppo import PPO
-from pacman_env.training.threads import InThreads
 from pacman_env.training.training_games import Part, make_ghost_parts, make_parts
 from tests.training.planners import random_planner
 from tests.training.test_run_arguments import tiny

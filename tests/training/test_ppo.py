@@ -16,12 +16,12 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.logger import Logger
 from tqdm import tqdm
 
+from pacman_env.executors.executor import InThreads
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.ppo import PPO, Rollout, advantages
-from pacman_env.training.threads import InThreads
 from pacman_env.training.training_games import make_parts
 from tests.training.stock import random_choices, stock_model
 from tests.training.test_run_arguments import tiny

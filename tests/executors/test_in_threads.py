@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from pacman_env.executors.executor import Executor
-from pacman_env.training.threads import InThreads
+from pacman_env.executors.executor import Executor, InThreads
 from tests.executors.contract import ExecutorContract
 
 
