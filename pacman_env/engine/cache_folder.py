@@ -63,16 +63,20 @@ def source_hash() -> str:
     The cache keeps it for these files, because parsing them takes a quarter of a second.
     """
     paths = [*PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (PACKAGE / room).rglob("*.py"))]
-    known = cache_dir() / f"sources-{_hash_of((path, path.read_bytes()) for path in paths)}"
+    known = None
     with contextlib.suppress(OSError):
+        known = cache_dir() / "kernels" / f"sources-{_hash_of((path, path.read_bytes()) for path in paths)}"
         return known.read_text()
     trees = {path: ast.parse(path.read_bytes()) for path in paths}
     for node in (node for tree in trees.values() for node in ast.walk(tree)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node) is not None:
             del node.body[0]
     found = _hash_of((path, ast.dump(tree).encode()) for path, tree in trees.items())
-    with contextlib.suppress(OSError), replaced(known) as temporary:
-        temporary.write_text(found)
+    with contextlib.suppress(OSError):
+        if known is not None:
+            known.parent.mkdir(parents=True, exist_ok=True)
+            with replaced(known) as temporary:
+                temporary.write_text(found)
     return found
 
 
@@ -96,7 +100,7 @@ def kernel_folder() -> Path | None:
             folder.mkdir(parents=True)
             for other in folder.parent.iterdir():
                 if time.time() - other.stat().st_mtime > _KEPT_S:
-                    shutil.rmtree(other, ignore_errors=True)
+                    shutil.rmtree(other, ignore_errors=True) if other.is_dir() else other.unlink(missing_ok=True)
     except OSError as error:
         warn_unkept(error)
         return None

@@ -140,7 +140,7 @@ def test_damaged_file_is_replaced(pattern: str, damage: bytes, root: Path) -> No
 
 def test_kernel_from_outside_is_not_kept(root: Path) -> None:
     compiled_half(cached=False)
-    assert not root.exists()
+    assert not list(root.glob("*/*"))
 
 
 def test_unwritable_folder_costs_one_warning(root: Path) -> None:
@@ -170,7 +170,7 @@ def test_folders_unused_for_thirty_days_are_removed(root: Path) -> None:
         os.utime(root / name, (then, then))
     folder = kernel_folder.__wrapped__()
     assert folder is not None
-    assert {path.name for path in root.iterdir()} == {"recent", folder.name}
+    assert {path.name for path in root.iterdir() if path.is_dir()} == {"recent", folder.name}
 
 
 def test_kernel_is_compiled_after_longest_wait(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
