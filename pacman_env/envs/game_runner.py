@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..game.execution import RUNNING
-from ..game.reward import Rewards, reward
+from ..game.reward import Rewards, TickCounts, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
@@ -211,9 +211,8 @@ class GameRunner:
     def ghost_reward(self) -> Floats:
         """Return a ghost's reward (N,) in the last step, from ``config.ghost_reward``; 0 in games that were over."""
         games, config = self.batch.games, self.config.ghost_reward
-        pellets, power, caught = games["tick_pellets"], games["tick_power"], games["tick_caught"]
-        earned = reward(1, pellets, power, caught, games["tick_rounds"], games["end"], Rewards.of(config))
-        earned = np.where(self._was_over, 0.0, earned)
+        counts = TickCounts(*(games[name] for name in TickCounts._fields))
+        earned = np.where(self._was_over, 0.0, reward(counts, games["end"], Rewards.of(config)))
         return earned + config.progress * self._nearer if self._path_counts else earned
 
     def observe(self, copy: bool | None = None) -> Any:

@@ -301,7 +301,7 @@ def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-u
 @kernel
 def earned(g, rewards):  # type: ignore[no-untyped-def]
     """Return the reward of the last tick."""
-    return reward(1, g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds, g.end, rewards)
+    return reward(g, g.end, rewards)
 
 
 @kernel
