@@ -47,17 +47,7 @@ _FIELDS = [
     ("distance", np.float64),  # believed distance to the nearest ghost at the last decision, m
     ("closing", np.float64),  # m/s
 ]
-#: Fields used in every physics step come first: four cache lines instead of eleven (6 % more decisions per second).
-_HOT = (
-    *("x", "y", "vx", "vy", "body_x", "body_y", "body_vx", "body_vy", "force_x", "force_y", "touch"),
-    *("heading", "heading_cos", "heading_sin", "omega", "left", "right"),
-    *("error_x", "error_y", "error_cos", "error_sin", "step", "substep", "stage", "end"),
-    *("nav_state", "nav_points", "nav_at", "nav_ahead", "nav_next", "nav_next_step", "nav_plan_step", "nav_wait_step"),
-    *("nav_no_control_step", "nav_clear_step", "nav_result", "nav_no_path_step", "nav_end_x", "nav_end_y"),
-    *("speed_limit", "clyde_x", "clyde_y", "odom_x", "odom_y", "odom_heading"),
-    *("update_distance", "update_angle", "level"),
-)
-GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
+GAME = np.dtype(_FIELDS, align=True)
 GHOST = np.dtype(GHOST_FIELDS, align=True)
 #: The last decision of a game, which decides when the next one is due.
 LAST_DECISION = np.dtype(
