@@ -31,7 +31,8 @@ class Rewards(NamedTuple):
         """Return the rewards per tick, per pellet and per end code (5,) from a configuration."""
         end = np.zeros(5)
         end[[DEAD, COMPLETE, TIMEOUT]] = config.death, config.completion, config.timeout
-        return cls(tick=config.tick, pellet=config.pellet, power=config.power, ghost_caught=config.ghost_caught, end=end)
+        scalars = {name: getattr(config, name) for name in cls._fields if name != "end"}
+        return cls(**scalars, end=end)
 
 
 def reward(counts, end, rewards):  # type: ignore[no-untyped-def]
