@@ -16,6 +16,7 @@ from ..game.reward import Rewards, TickCounts, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
+from ..sim.core.ghosts import GHOST_CHOICE, choices_of
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
@@ -271,17 +272,17 @@ class GameRunner:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
-    def _ghost_choices(self, given: Mapping[int, Indices]) -> Indices | None:
+    def _ghost_choices(self, given: Mapping[int, Indices]) -> NDArray[Any] | None:
         """Return the choices (N, G) of all ghosts from their policies and ``given``; None if no ghost needs one."""
         if not (self._policies or given):
             return None
-        choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)
+        choices = np.zeros(self.batch.ghosts.shape, dtype=GHOST_CHOICE)
         for number, policy in self._policies.items():
             chosen = np.asarray(policy.select(self.batch.situation(number)))
-            if chosen.shape != (self.batch.n,) or chosen.dtype.kind not in "iu":
+            if chosen.shape != (self.batch.n,) or (chosen.dtype != GHOST_CHOICE and chosen.dtype.kind not in "iu"):
                 wanted, got = f"{self.batch.n} integers", f"{chosen.dtype} of shape {chosen.shape}"
                 raise ValueError(f"ghosts[{number}]: select must return {wanted}, got {got}")
-            choices[:, number] = chosen
+            choices[:, number] = choices_of(chosen)
         for number, choice in given.items():
-            choices[:, number] = choice
+            choices[:, number] = choices_of(choice)
         return choices

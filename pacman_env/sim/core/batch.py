@@ -21,7 +21,7 @@ from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, ticks
-from .ghosts import spawn_ghost
+from .ghosts import GHOST_CHOICE, spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,
@@ -126,7 +126,7 @@ class GameBatch(GameState):
         longest = max((len(r.decisions) for r in rounds), default=0)
         still = np.zeros(2) if self.config.action == "velocity" else np.int64(self.hold)
         actions = np.stack([still] * self.n)
-        choices = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
+        choices = np.zeros(self.ghosts.shape, dtype=GHOST_CHOICE)
         awake = np.full(self.n, ticks.ASLEEP, dtype=self._awake.dtype)
         for tick in range(longest + 1):
             # Shorter rounds start later, so that all end together.
@@ -203,7 +203,7 @@ class GameBatch(GameState):
     def step(
         self,
         actions: NDArray[Any],
-        ghost_choices: NDArray[np.int64] | None = None,
+        ghost_choices: NDArray[Any] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
         """Play one tick with its physics steps; games that have ended stand still.
@@ -213,8 +213,8 @@ class GameBatch(GameState):
         Args:
             actions: (N,) int64 candidates (a forbidden one makes the robot hold), or with velocity actions (N, 2)
                 float64, v in m/s and omega in rad/s.
-            ghost_choices: (N, G) int64 for ghosts that a policy controls: the candidate to go to, or the last one to
-                wander; larger numbers are a ``ghosts.behaviour_choice`` or ``cell_choice``. None: all wander.
+            ghost_choices: (N, G) for ghosts that a policy controls: int64 candidates to go to (the last one: wander),
+                or records of type ``ghosts.GHOST_CHOICE``. None: all wander.
             played: (N,) mask of the games to step; None: all. The other games keep the results of their last tick.
 
         Raises ValueError, without any change, for an invalid action or choice.
@@ -229,7 +229,7 @@ class GameBatch(GameState):
         self._advance()
         self._follow_completed_rounds()
 
-    def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
+    def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[Any] | None = None) -> None:
         """Play one tick in which the robots are driven by hand: goals are cancelled and Nav2 is idle.
 
         ``velocities`` (N, 2), v in m/s and omega in rad/s, are clipped to what the base can follow; ``ghost_choices``
@@ -251,7 +251,7 @@ class GameBatch(GameState):
         self,
         actions: NDArray[Any],
         forbidden: NDArray[np.bool_],
-        choose_for_ghosts: Callable[[], NDArray[np.int64] | None] | None = None,
+        choose_for_ghosts: Callable[[], NDArray[Any] | None] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
         """Play each game until its next decision is due; games that wait for others stand still.
