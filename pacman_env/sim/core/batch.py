@@ -71,7 +71,8 @@ class GameBatch(GameState):
         self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
-        self._control = self._controls[0]  # a view
+        #: A view (1,) of each field: writes through the record are slow, which a step of a single game shows.
+        self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
         self._tables: list[Table] = []  # a table for each thread
         self._ghost_tables: list[Table] = []
         self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
@@ -240,11 +241,11 @@ class GameBatch(GameState):
         if not np.isfinite(velocities).all():
             raise ValueError(f"velocities {velocities.tolist()}: must be finite numbers")
         self.arrays["velocities"][:] = velocities
-        self._control["by_hand"] = 1
+        self._control["by_hand"][0] = 1
         try:
             self.step(np.full(self.n, self.hold, dtype=np.int64), ghost_choices)
         finally:
-            self._control["by_hand"] = 0
+            self._control["by_hand"][0] = 0
 
     def step_until_due(
         self,
@@ -281,15 +282,15 @@ class GameBatch(GameState):
         self.prepare_ticks(watch=watch, most=most, fresh=fresh)
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
-                self._control["until"] = step
+                self._control["until"][0] = step
                 self._play(resume=step > 1)
                 self.after_physics_step()
-        self._control["until"] = self.substeps + 1
+        self._control["until"][0] = self.substeps + 1
         self._play(resume=self.after_physics_step is not None)
 
     def _play(self, *, resume: bool) -> None:
         """Advance all games, and create physics spaces for robots that come near a wall."""
-        self._control["resume"] = resume
+        self._control["resume"][0] = resume
         job, tables = self.tick_stage()
         self.resume(self.threads.run(job, tables, self.n))
 
@@ -308,7 +309,7 @@ class GameBatch(GameState):
                 self._ghosts.raise_again(self._ghost_tables[0].address, -1 - waiting)
             for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
                 self.spaces.provide(self._levels.slots[i], self._levels.walls_of(i))
-            self._control["resume"] = 1
+            self._control["resume"][0] = 1
             waiting = self.threads.run(ticks.play, self._tables, self.n)
 
     def begin_decisions(self) -> None:
@@ -321,8 +322,8 @@ class GameBatch(GameState):
         if self._history.make_room(self.games, 1 if most == 1 else self._longest):
             self._forget_tables()
         control = self._control
-        control["fresh"], control["watch"], control["ticks"] = fresh, watch, most
-        control["until"], control["resume"] = self.substeps + 1, 0
+        control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
+        control["until"][0], control["resume"][0] = self.substeps + 1, 0
 
     def _forget_tables(self) -> None:
         self._tables, self._ghost_tables = [], []

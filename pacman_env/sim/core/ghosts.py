@@ -277,13 +277,13 @@ class Ghosts:
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
         sent = choices_of(choices)
-        most = np.array([0, self._hold, len(_TABLE) - 1, self._levels.sizes.ghost_cells - 1])  # by kind
-        bad = np.flatnonzero(((sent["value"] < 0) | (sent["value"] > most[sent["kind"]])).any(axis=1))
+        kind, value = sent["kind"], sent["value"]
+        bad = np.flatnonzero(((value < 0) | (value > self._most[kind])).any(axis=1))
         if len(bad) > 0:
-            wrong = sent["value"][bad[0]].tolist()
+            wrong = value[bad[0]].tolist()
             raise ValueError(f"ghost choices {wrong} of game {bad[0]}: candidates are 0 to {self._hold}")
         self.choices[:] = sent
-        for k in set(sent["value"][sent["kind"] == AS_BEHAVIOUR].tolist()):
+        for k in set(value[kind == AS_BEHAVIOUR].tolist()):
             row = len(self.wander_first) + k
             if row not in self._used:
                 self._use(row, _TABLE[k])
@@ -291,6 +291,7 @@ class Ghosts:
     def bind(self, levels: LevelSlots, hold: int) -> None:
         """Set the levels that the ghosts walk on and ``hold``, the last candidate."""
         self._levels, self._hold = levels, hold
+        self._most = np.array([0, hold, len(_TABLE) - 1, levels.sizes.ghost_cells - 1])  # largest value by kind
         # A ghost that turns round between two cells first walks to the second one.
         self.paths = np.zeros((*self.state.shape, levels.sizes.longest_ghost_way + 1), dtype=np.int32)
 
