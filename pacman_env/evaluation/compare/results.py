@@ -3,7 +3,6 @@
 import argparse
 import itertools
 import json
-import re
 import shlex
 from collections.abc import Sequence
 from typing import Any
@@ -22,8 +21,6 @@ from pacman_env.executors.choice import without_executor
 from pacman_env.files import commit
 
 _OUTPUTS = ("parts", "resume", "json", "plot", "video", "html", "markdown", "threads")
-#: A list of plain values in JSON, which is written on one line, and a line break in it.
-_LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
 def make_rows(cells: Sequence[Cell], policies: Sequence[str], played: Sequence[Played]) -> list[Row]:
@@ -68,9 +65,9 @@ def describe(
 
 
 def as_json(content: dict[str, Any]) -> str:
-    """Return the text of the JSON file, with lists of numbers on one line each."""
-    text = json.dumps(content, indent=2, default=str, allow_nan=False)
-    return _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n"
+    """Return the text of the JSON file, with a line for each field."""
+    fields = (f'"{name}": {json.dumps(value, default=str, allow_nan=False)}' for name, value in content.items())
+    return "{\n" + ",\n".join(fields) + "\n}\n"
 
 
 def command(arguments: argparse.Namespace, parser: Parser) -> str:

@@ -36,13 +36,6 @@ from .state import GameLevels, GameState, History, RoundSoFar
 ALL_TICKS = 2**62
 
 
-def check_velocities(actions: NDArray[Any]) -> None:
-    """Raise a ValueError with the number of the first game whose action in ``actions`` (N, 2) is not finite."""
-    bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-    if len(bad):
-        raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
-
-
 class GameBatch(GameState):
     """N games under one configuration, on one shared map or on a separate map for each game.
 
@@ -331,7 +324,8 @@ class GameBatch(GameState):
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
         if self.config.action == "velocity":
-            check_velocities(actions)
+            for game in np.flatnonzero(~np.isfinite(actions).all(axis=1))[:1]:
+                raise ValueError(f"action {actions[game].tolist()} of game {game}: must be two finite numbers")
             self.arrays["velocities"][:] = actions
             return
         bad = np.flatnonzero((actions < 0) | (actions > self.hold))
