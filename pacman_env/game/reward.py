@@ -11,10 +11,10 @@ from .execution import COMPLETE, DEAD, TIMEOUT
 class TickCounts(NamedTuple):
     """Numbers of rewarded events in a tick; the simulator's record of a game has the same fields."""
 
-    tick_pellets: Any  # collected
-    tick_power: Any  # power pellets among them
-    tick_caught: Any  # ghosts caught
-    tick_rounds: Any  # rounds completed in an endless game
+    tick_pellets: Any = 0  # collected
+    tick_power: Any = 0  # power pellets among them
+    tick_caught: Any = 0  # ghosts caught
+    tick_rounds: Any = 0  # rounds completed in an endless game
 
 
 class Rewards(NamedTuple):

@@ -21,5 +21,5 @@ def test_reward_sums_tick_pellets_ghosts_rounds_and_end(end: int) -> None:
 
 def test_reward_of_arrays_is_elementwise() -> None:
     ends, pellets = np.array(list(AT_END)), np.arange(len(AT_END))
-    expected = [reward(TickCounts(number, 0, 0, 0), end, REWARDS) for number, end in enumerate(AT_END)]
-    assert reward(TickCounts(pellets, 0, 0, 0), ends, REWARDS).tolist() == expected
+    expected = [reward(TickCounts(number), end, REWARDS) for number, end in enumerate(AT_END)]
+    assert reward(TickCounts(pellets), ends, REWARDS).tolist() == expected
