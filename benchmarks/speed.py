@@ -14,10 +14,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pymunk
 from gymnasium.vector import AutoresetMode
 
 from pacman_env.policies.registry import make_policy
-from pacman_env.world.navigation.physics import bare_stepper
 
 BARE = "bare Chipmunk, 64 bodies"
 HOUSES = 1000  # training houses, prepared before a row on them
@@ -106,16 +106,30 @@ class Player:
 
 
 def bare(map_source: str) -> Callable[[float], Rates]:
-    """Return a function that measures physics alone: 64 robots in one Chipmunk space, stepped from Python."""
+    """Return a function that measures physics alone: 64 robots in one Chipmunk space, stepped from Python.
+
+    The robots start in different directions and bounce off the walls, so that they keep moving.
+    """
     game: Any = Player((BOT, "make_vec", 64, "random", {}), map_source).game
-    robot, walls, places = game.config.robot, game.batch.assets.grid.walls, game.batch.bodies[:, :2].copy()
-    size = {"radius_m": robot.radius_m, "mass_kg": robot.mass_kg, "speed_mps": robot.speed_mps}
-    step = bare_stepper(walls, places, step_s=game.config.physics_step_s, **size)
+    robot, space, step_s = game.config.robot, pymunk.Space(), game.config.physics_step_s
+    space.collision_slop = 0.001  # m, as in the game
+    for x0, y0, x1, y1 in game.batch.assets.grid.walls.tolist():
+        space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
+    for i, place in enumerate(game.batch.bodies[:, :2].tolist()):
+        body = pymunk.Body(robot.mass_kg, float("inf"))
+        body.position = place
+        body.velocity = pymunk.Vec2d(robot.speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
+        shape = pymunk.Circle(body, robot.radius_m)
+        shape.filter = pymunk.ShapeFilter(group=1)  # robots do not touch one another
+        space.add(body, shape)
+    for shape in space.shapes:
+        shape.elasticity = 1.0
 
     def rates(seconds: float) -> Rates:
         began, ticks = time.process_time(), 0
         while ticks == 0 or time.process_time() - began < seconds:
-            step(HELD * game.batch.substeps)
+            for _ in range(HELD * game.batch.substeps):
+                space.step(step_s)
             ticks += 64 * HELD
         rate = ticks / (time.process_time() - began)
         return rate, rate * game.config.execution.tick_s

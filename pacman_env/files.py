@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 import stat
 import tempfile
 import warnings
@@ -152,19 +151,6 @@ def _named(path: Path, temporary: Path) -> Iterator[None]:
 def _is_special(path: Path) -> bool:
     """Return True if a path is a device, a pipe or a socket."""
     return path.exists() and not (path.is_file() or path.is_dir())
-
-
-@contextlib.contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder next to ``path`` that is renamed to ``path`` if the block succeeds."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with _named(path, temporary):
-            temporary.mkdir()
-            yield temporary
-            os.rename(temporary, path)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:

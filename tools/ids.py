@@ -45,18 +45,16 @@ _SETTINGS = (
     "observation.mask", "observation.numeric_info", "reward.death", "reward.progress", "power.pellets",
     "localization.perfect", "randomize.speed_mps", "randomize.clyde_speed_mps", "num_levels",
 )  # fmt: skip
-_REWARDS = (
-    ("pellet", "a pellet is collected"),
-    ("completion", "every pellet is collected"),
-    ("death", "a ghost catches the robot"),
-    ("timeout", "time limit"),
-    ("tick", "every 0.5 s"),
-)
-_PROGRESS = ("progress", "each metre by which the path to the nearest pellet became shorter")
-_POWER_REWARDS = (
-    ("ghost_caught", "a frightened ghost is caught"),
-    ("power", "a power pellet, in addition to the pellet"),
-)
+_EVENTS = {  # shorter than the descriptions of other rewards
+    "pellet": "a pellet is collected",
+    "completion": "every pellet is collected",
+    "death": "a ghost catches the robot",
+    "timeout": "time limit",
+    "tick": "every 0.5 s",
+    "ghost_caught": "a frightened ghost is caught",
+    "power": "a power pellet, in addition to the pellet",
+    "progress": "each metre by which the path to the nearest pellet became shorter",
+}
 _PICTURES = {  # the first that fits
     "power": ("Three frightened ghosts, and the eyes of a caught one at its spawn place", "power.png"),
     "drives": ("One instant: the game, the scan, the grid", "observations.png"),
@@ -176,9 +174,10 @@ def _highest(env: Any, first: dict[str, Any]) -> str:
 
 
 def _rewards(config: Config) -> Iterator[list[str]]:
-    more = _POWER_REWARDS if config.power.pellets else ()
-    for name, event in (*_REWARDS, *more, *([_PROGRESS] if config.reward.progress else ())):
-        yield [event, f"{getattr(config.reward, name):+g}", f"`reward.{name}`"]
+    for name in dict.fromkeys([*_EVENTS, *(field.name for field in dataclasses.fields(config.reward))]):
+        value = getattr(config.reward, name)
+        if config.power.pellets if name in ("ghost_caught", "power") else value:
+            yield [_EVENTS.get(name) or description_of(config.reward, name), f"{value:+g}", f"`reward.{name}`"]
 
 
 def _settings(config: Config) -> Iterator[tuple[str, str, str]]:

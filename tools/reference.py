@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from pacman_env import config
@@ -31,10 +32,12 @@ from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.kinds import BUILT_IN_KINDS, ObservationPart
 from pacman_env.training.run_arguments import Hyperparameters
+from pacman_env.web.frame import Frame, OptionalFields
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, number, table, update
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
+_FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
 _KINDS = {bool: "`True` or `False`", int: "whole number"}
 
 
@@ -156,9 +159,20 @@ def hyperparameters() -> str:
     return table(("Name", "Meaning"), rows)
 
 
+def frame() -> str:
+    """Return the table of the fields of the page's frame; the comments of the source are their meanings."""
+    schema = msgspec.json.schema(Frame, schema_hook=lambda _: {"type": "array"})["$defs"]["Frame"]["properties"]
+    rows = []
+    for name, meaning in _FIELD.findall(inspect.getsource(Frame) + inspect.getsource(OptionalFields)):
+        kinds = schema[name], *schema[name].get("anyOf", ())
+        parts = next((kind["prefixItems"] for kind in kinds if "prefixItems" in kind), [schema[name]])
+        rows.append([f"`{name}`", ", ".join(part["unit"] for part in parts if "unit" in part), meaning])
+    return table(("Field", "Unit", "Meaning"), rows)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check)
+    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check, frame)
 } | {"hyperparameters": hyperparameters}
 
 

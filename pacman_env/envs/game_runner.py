@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..game.ends import RUNNING
-from ..game.reward import Rewards, reward
+from ..game.reward import Rewards, TickCounts, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
+from ..sim.core.ghost_state import GHOST_CHOICE, TO_CANDIDATE, choices_of
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
@@ -211,9 +212,8 @@ class GameRunner:
     def ghost_reward(self) -> Floats:
         """Return a ghost's reward (N,) in the last step, from ``config.ghost_reward``; 0 in games that were over."""
         games, config = self.batch.games, self.config.ghost_reward
-        pellets, power, caught = games["tick_pellets"], games["tick_power"], games["tick_caught"]
-        earned = reward(1, pellets, power, caught, games["tick_rounds"], games["end"], Rewards.of(config))
-        earned = np.where(self._was_over, 0.0, earned)
+        counts = TickCounts(*(games[name] for name in TickCounts._fields))
+        earned = np.where(self._was_over, 0.0, reward(counts, games["end"], Rewards.of(config)))
         return earned + config.progress * self._nearer if self._path_counts else earned
 
     def observe(self, copy: bool | None = None) -> Any:
@@ -272,17 +272,17 @@ class GameRunner:
             result["elapsed_s"] = self.elapsed_s.copy()
         return result | drawn_values(games, self.config) if self._draws else result
 
-    def _ghost_choices(self, given: Mapping[int, Indices]) -> Indices | None:
+    def _ghost_choices(self, given: Mapping[int, Indices]) -> NDArray[Any] | None:
         """Return the choices (N, G) of all ghosts from their policies and ``given``; None if no ghost needs one."""
         if not (self._policies or given):
             return None
-        choices = np.full(self.batch.ghosts.shape, self.batch.hold, dtype=np.int64)
+        choices = np.zeros(self.batch.ghosts.shape, dtype=GHOST_CHOICE)
         for number, policy in self._policies.items():
             chosen = np.asarray(policy.select(self.batch.situation(number)))
-            if chosen.shape != (self.batch.n,) or chosen.dtype.kind not in "iu":
+            if chosen.shape != (self.batch.n,) or (chosen.dtype != GHOST_CHOICE and chosen.dtype.kind not in "iu"):
                 wanted, got = f"{self.batch.n} integers", f"{chosen.dtype} of shape {chosen.shape}"
                 raise ValueError(f"ghosts[{number}]: select must return {wanted}, got {got}")
-            choices[:, number] = chosen
+            choices[:, number] = choices_of(chosen)
         for number, choice in given.items():
-            choices[:, number] = choice
+            choices["kind"][:, number], choices["value"][:, number] = TO_CANDIDATE, choice
         return choices

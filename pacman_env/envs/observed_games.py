@@ -61,8 +61,8 @@ class ObservedGames:
     def play_by_steps(
         self,
         actions: NDArray[Any],
-        choose: Callable[[], NDArray[np.int64] | None] | None,
-        ghost_choices: Indices | None,
+        choose: Callable[[], NDArray[Any] | None] | None,
+        ghost_choices: NDArray[Any] | None,
         plays: Flags | None,
     ) -> None:
         """Play one decision, actions (N,) or (N, 2), with Python between ticks (ghost policies, endless games)."""

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from ..game.ends import RUNNING
 from ..render.window import RENDER_FPS
-from ..sim.core.batch import check_velocities
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
 from .guard import exclusive, shared
 from .outcome import Step
 from .resets import ManyGames, Options, Seeds
+from .spaces import checked_actions
 
 
 class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
@@ -99,7 +99,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         Rewards, terminated and truncated are (N,). Raises ValueError for actions outside the space, and ResetNeeded
         before the first reset.
         """
-        runner, actions = self._runner, self.check(actions)
+        runner, actions = self._runner, checked_actions(self.single_action_space, actions, self.num_envs)
         over = (self.batch.summary[0] != RUNNING) | runner.cut
         reward, terminated, truncated = runner.step(actions)
         final: dict[str, Any] = {}
@@ -122,23 +122,6 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Return one picture (H, W, 3) per game, or None without a render mode."""
         return self._pictures()
 
-    def check(self, actions: NDArray[Any]) -> NDArray[Any]:
-        """Convert actions to int64 (N,) or float64 (N, 2); raises ValueError for an invalid shape, dtype or value."""
-        actions = np.asarray(actions)
-        if self.config.action == "velocity":
-            if actions.shape != (self.num_envs, 2) or actions.dtype.kind not in "fiu":
-                raise ValueError(f"actions must be {self.num_envs} pairs of v and omega, {_got(actions)}")
-            check_velocities(actions)
-            return actions.astype(np.float64)
-        if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
-            raise ValueError(f"actions must be {self.num_envs} integers, {_got(actions)}")
-        if actions.min() < 0 or actions.max() >= self._runner.candidates:
-            game = int(np.flatnonzero((actions < 0) | (actions >= self._runner.candidates))[0])
-            raise ValueError(
-                f"choice {actions[game]} of game {game}: candidates are 0 to {self._runner.candidates - 1}"
-            )
-        return actions.astype(np.int64, copy=False)
-
     def _infos(self, index: NDArray[np.int64] | None = None) -> dict[str, Any]:
         """Return infos in Gymnasium's layout: an array per key, and a mask of the games ``index`` (None: all)."""
         present = np.ones(self.num_envs, dtype=np.bool_) if index is None else self._mask(index)
@@ -155,7 +138,3 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
             return {"final_info": self._infos(ended)}
         final = {"final_obs": self._last_of(ended, self._runner.observe(copy=False)), "final_info": self._infos(ended)}
         return final | {f"_{name}": self._mask(ended) for name in final}
-
-
-def _got(actions: NDArray[Any]) -> str:
-    return f"got {actions.dtype} of shape {actions.shape}"

@@ -19,7 +19,7 @@ from .base_env import BaseEnv
 from .guard import exclusive, shared
 from .outcome import Ends, Step
 from .resets import ManyGames, Options, Seeds
-from .spaces import state_limits
+from .spaces import checked_actions, state_limits
 
 PACMAN = "pacman"
 Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
@@ -233,7 +233,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
             unknown = [str(agent) for agent in actions if agent not in by_agent]
             if unknown:
                 raise ValueError(f"actions of {', '.join(unknown)}: the agents are {', '.join(self.possible_agents)}")
-            return {agent: self._check_agent(agent, np.asarray(given)) for agent, given in by_agent.items()}
+            return {agent: self._check_agent(agent, given) for agent, given in by_agent.items()}
         if self.config.action == "velocity":
             raise ValueError(f"actions must be by agent, with velocities of {PACMAN}: {{{PACMAN!r}: (N, 2), ...}}")
         array, shape = np.asarray(actions), (self.num_envs, self.num_agents)
@@ -241,20 +241,8 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
             raise ValueError(f"actions must be integers of shape {shape}, got {array.dtype} of shape {array.shape}")
         return {agent: self._check_agent(agent, array[:, k]) for k, agent in enumerate(self.possible_agents)}
 
-    def _check_agent(self, agent: str, given: NDArray[Any]) -> NDArray[Any]:
-        space = self.action_spaces[agent]
-        goals = isinstance(space, spaces.Discrete)
-        shape: tuple[int, ...] = (self.num_envs,) if goals else (self.num_envs, 2)
-        if given.shape != shape or given.dtype.kind not in ("iu" if goals else "fiu"):
-            expected = f"{self.num_envs} {'integers' if goals else 'pairs of v and omega'}"
-            raise ValueError(f"actions of {agent} must be {expected}, got {given.dtype} of shape {given.shape}")
-        if isinstance(space, spaces.Discrete):
-            bad, rule = (given < 0) | (given >= space.n), f"must be 0 to {space.n - 1}"
-        else:
-            bad, rule = ~np.isfinite(given).all(axis=1), "must be two finite numbers"
-        for game in np.flatnonzero(bad)[:1].tolist():
-            raise ValueError(f"action {given[game].tolist()} of {agent} in game {game}: {rule}")
-        return np.ascontiguousarray(given, dtype=np.int64 if goals else np.float64)
+    def _check_agent(self, agent: str, given: Any) -> NDArray[Any]:
+        return checked_actions(self.action_spaces[agent], given, self.num_envs, f" of {agent}")
 
     def _infos(self) -> dict[str, Any]:
         infos: dict[str, Any] = self._runner.infos()

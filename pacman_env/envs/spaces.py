@@ -85,3 +85,22 @@ def checked_action(space: spaces.Space[Any], action: Any, agent: str = "") -> An
     if not space.contains(action):
         raise ValueError(f"action {action!r}{agent} is not in {space}")
     return np.int64(action)
+
+
+def checked_actions(space: spaces.Space[Any], actions: Any, games: int, agent: str = "") -> NDArray[Any]:
+    """Return the actions of all games, int64 (N,) or float64 (N, 2): v and omega without limits.
+
+    Raises ValueError for another shape or dtype, a number outside the space, and numbers that are not finite.
+    """
+    given, goals = np.asarray(actions), isinstance(space, spaces.Discrete)
+    shape, kinds = ((games,), "iu") if goals else ((games, 2), "fiu")
+    if given.shape != shape or given.dtype.kind not in kinds:
+        expected = f"{games} {'integers' if goals else 'pairs of v and omega'}"
+        raise ValueError(f"actions{agent} must be {expected}, got {given.dtype} of shape {given.shape}")
+    if isinstance(space, spaces.Discrete):
+        bad, rule = (given < 0) | (given >= space.n), f"must be 0 to {space.n - 1}"
+    else:
+        bad, rule = ~np.isfinite(given).all(axis=1), "must be two finite numbers"
+    for game in np.flatnonzero(bad)[:1].tolist():
+        raise ValueError(f"action {given[game].tolist()}{agent} in game {game}: {rule}")
+    return np.ascontiguousarray(given, dtype=np.int64 if goals else np.float64)

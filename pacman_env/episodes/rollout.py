@@ -9,6 +9,7 @@ import itertools
 import time
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.core.ghost_state import GHOST_CHOICE, choices_of
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
@@ -89,13 +91,13 @@ def open_games(
     return GameBatch(source, config.with_fields(**{"clyde.ghosts": behaviours}), n, num_threads), ghosts
 
 
-def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[np.int64] | None:
+def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[Any] | None:
     """Return the choices (N, G) of the ghosts' policies for a step of the batch, or None without policies."""
     if not ghosts:
         return None
-    sent = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
+    sent = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
     for number, ghost in ghosts.items():
-        sent[:, number] = choose(ghost, batch.situation(number))
+        sent[:, number] = choices_of(choose(ghost, batch.situation(number)))
     return sent
 
 

@@ -12,44 +12,11 @@ import numpy as np
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
-from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, Kinds
-from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
+from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, hold_index
+from pacman_env.sim.observation.situation import PELLET, Situation
 
 #: Names of a candidate's terms in explanations, in the order of their columns.
 _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipped")
-
-
-@kernel
-def choose_batch(
-    terms: Floats, kind: Kinds, mask: Flags, current: Indices, safe_first: Flags, margin_m: float, goal: Indices
-) -> None:
-    """Write the goal (N,) of every game: a pellet, else HOLD, else -1; the first one in a tie.
-
-    The order is: the cheapest safe pellet if ``safe_first``, the cheapest pellet that is not skipped, the cheapest
-    pellet. The current pellet is kept unless the new one costs less by more than the margin.
-    """
-    for n in range(len(goal)):
-        best, safe, fallback, hold = -1, -1, -1, -1
-        for c in range(terms.shape[1]):
-            if kind[n, c] == HOLD and hold < 0:
-                hold = c
-            cost = terms[n, c, TOTAL]
-            if kind[n, c] != PELLET or not mask[n, c] or not cost < np.inf:
-                continue
-            if fallback < 0 or cost < terms[n, fallback, TOTAL]:
-                fallback = c
-            if terms[n, c, SKIPPED]:
-                continue
-            if best < 0 or cost < terms[n, best, TOTAL]:
-                best = c
-            if terms[n, c, SAFE] and (safe < 0 or cost < terms[n, safe, TOTAL]):
-                safe = c
-        chosen = safe if safe_first[n] and safe >= 0 else best if best >= 0 else fallback
-        k = current[n]
-        pursued = chosen >= 0 and 0 <= k < terms.shape[1] and kind[n, k] == PELLET and mask[n, k]
-        if pursued and terms[n, k, TOTAL] <= terms[n, chosen, TOTAL] + margin_m:
-            chosen = k
-        goal[n] = chosen if chosen >= 0 else hold
 
 
 @kernel
@@ -125,10 +92,8 @@ class ClydeAware(BasePolicy):
         terms, threatened = self._rate(situation)
         if self.parameters.threat_exit_margin_m > 0:
             self._threatened = threatened
-        goal, s = np.empty(len(terms), np.int64), situation
         safe_first = threatened & (self.form == "deployed")
-        choose_batch(terms, s.kind, s.mask, s.current, safe_first, self.parameters.replan_margin_m, goal)
-        return goal
+        return _choose(terms, situation, safe_first, self.parameters.replan_margin_m)
 
     def explain(self, situation: Situation) -> Explanation:
         """Return distance, Clyde risk, direction penalty and total (m) of each pellet, and flags of the decision."""
@@ -154,6 +119,25 @@ class ClydeAware(BasePolicy):
         rate_batch(s.robot, s.clyde, s.closing_speed, s.position, documented, self.parameters, terms, threatened)
         terms[..., TOTAL] -= self.power_credit_m * (threatened[:, None] & s.is_power)
         return terms, threatened
+
+
+def _choose(terms: Floats, situation: Situation, safe_first: Flags, margin_m: float) -> Indices:
+    """Return the goal (N,) of every game: a pellet, else HOLD, else -1; the first one in a tie.
+
+    The order is: the cheapest safe pellet if ``safe_first`` (N,), the cheapest pellet that is not skipped, the cheapest
+    pellet. The current pellet is kept unless the new one costs less by more than the margin.
+    """
+    current, games = situation.current, np.arange(len(terms))
+    pellet = (situation.kind == PELLET) & situation.mask
+    costs = np.where(pellet & (terms[..., TOTAL] < np.inf), terms[..., TOTAL], np.inf)  # (N, C)
+    unskipped = np.where(terms[..., SKIPPED] > 0, np.inf, costs)
+    safe = np.where((terms[..., SAFE] > 0) & safe_first[:, None], unskipped, np.inf)
+    goal = hold_index(situation)
+    for allowed in (costs, unskipped, safe):  # a later one comes first
+        best = allowed.argmin(axis=1)
+        goal = np.where(allowed[games, best] < np.inf, best, goal)
+    pursues = (current >= 0) & (goal >= 0) & pellet[games, current] & pellet[games, goal]
+    return np.where(pursues & (costs[games, current] <= costs[games, goal] + margin_m), current, goal)
 
 
 documented = partial(ClydeAware, form="documented")

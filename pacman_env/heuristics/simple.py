@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
-from pacman_env.policies.base import BasePolicy, Flags, Floats, Indices
+from pacman_env.policies.base import BasePolicy, Floats, Indices
 from pacman_env.rng import POLICY, stream, uniform
 from pacman_env.sim.observation.situation import PELLET, Situation
 
@@ -37,34 +37,12 @@ class Nearest(BasePolicy):
 
 
 @kernel
-def random_scores(seed: NDArray[np.uint64], tick: Indices, current: Indices, allowed: Flags, out: Floats) -> None:
-    """Write scores (N, C): numbers in [0, 1) by seed (N,), tick (N,) and candidate for allowed (N, C) candidates.
-
-    The score of the current candidate (N,) is 1, and of forbidden ones -inf.
-    """
-    for n in range(out.shape[0]):
+def draw_numbers(seed: NDArray[np.uint64], tick: Indices, numbers: Floats) -> None:
+    """Write numbers (N, C) in [0, 1) by seed (N,), tick (N,) and candidate."""
+    for n in range(numbers.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
-        for c in range(out.shape[1]):
-            state, draw = uniform(state)
-            if not allowed[n, c]:
-                out[n, c] = -np.inf
-            else:
-                out[n, c] = 1.0 if c == current[n] else draw
-
-
-class RandomPellet(BasePolicy):
-    """Chooses a pellet uniformly and keeps it until it is collected or forbidden.
-
-    The draw only depends on the game's seed and tick, not on its batch.
-    """
-
-    name = "random_pellet"
-
-    def scores(self, situation: Situation) -> Floats:
-        """Return independent uniform numbers (N, C), and 1 for the current pellet."""
-        out, pellets = np.empty(situation.mask.shape), situation.mask & (situation.kind == PELLET)
-        random_scores(situation.seed, situation.tick, situation.current, pellets, out)
-        return out
+        for c in range(numbers.shape[1]):
+            state, numbers[n, c] = uniform(state)
 
 
 class Random(BasePolicy):
@@ -74,6 +52,21 @@ class Random(BasePolicy):
 
     def scores(self, situation: Situation) -> Floats:
         """Return independent uniform numbers (N, C) for allowed candidates, and -inf for other candidates."""
-        out = np.empty(situation.mask.shape)
-        random_scores(situation.seed, situation.tick, np.full_like(situation.current, -1), situation.mask, out)
-        return out
+        numbers = np.empty(situation.mask.shape)
+        draw_numbers(situation.seed, situation.tick, numbers)
+        return np.where(situation.mask, numbers, -np.inf)
+
+
+class RandomPellet(Random):
+    """Chooses a pellet uniformly and keeps it until it is collected or forbidden.
+
+    The draw only depends on the game's seed and tick, not on its batch.
+    """
+
+    name = "random_pellet"
+
+    def scores(self, situation: Situation) -> Floats:
+        """Return independent uniform numbers (N, C), and 1 for the current pellet."""
+        numbers, pellets = super().scores(situation), situation.mask & (situation.kind == PELLET)
+        is_current = np.arange(numbers.shape[1]) == situation.current[:, None]
+        return np.where(pellets, np.where(is_current, 1.0, numbers), -np.inf)

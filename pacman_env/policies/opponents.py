@@ -1,13 +1,14 @@
 """Policies for ghosts: a pool that draws one of its members for each round, and behaviours as members."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
 from pacman_env.policies.base import BasePolicy, Policy
-from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES, behaviour_choice
+from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, choices_of
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.observation.situation import Situation
 
@@ -22,10 +23,9 @@ class BehaviourOpponent(BasePolicy):
         self.name = name
         self._number = BEHAVIOUR_NAMES.index(name)
 
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        """Return the choice (N,) for the behaviour, a number beyond the candidates."""
-        n, candidates = situation.mask.shape
-        return np.full(n, behaviour_choice(candidates - 1, self._number), dtype=np.int64)
+    def select(self, situation: Situation) -> NDArray[Any]:
+        """Return choices (N,) of type ``GHOST_CHOICE``: to behave in this way."""
+        return choices_of(np.full(len(situation.mask), self._number), AS_BEHAVIOUR)
 
 
 class Opponents(BasePolicy):
@@ -57,11 +57,11 @@ class Opponents(BasePolicy):
         share = (draw_below(seeds, _OPPONENT, _SHARES) + 0.5) / _SHARES
         return np.minimum(np.searchsorted(self._limits, share, side="right"), len(self.members) - 1)
 
-    def select(self, situation: Situation) -> NDArray[np.int64]:
-        """Return the choices (N,) of the members that play the rounds."""
+    def select(self, situation: Situation) -> NDArray[Any]:
+        """Return the choices (N,) of the members that play the rounds, of type ``GHOST_CHOICE``."""
         numbers = self.drawn(situation.seed)
-        chosen = np.empty(len(numbers), dtype=np.int64)
+        chosen = np.empty(len(numbers), dtype=GHOST_CHOICE)
         for number in np.unique(numbers).tolist():
             rows = np.flatnonzero(numbers == number)
-            chosen[rows] = self.members[number].select(situation.rows(rows))
+            chosen[rows] = choices_of(self.members[number].select(situation.rows(rows)))
         return chosen

@@ -19,7 +19,7 @@ from pacman_env.policies.base import KIND_NAMES, Policy, reach
 from pacman_env.policies.policy_calls import PolicyError, choose
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES, behaviour_choice, cell_choice
+from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, TO_CANDIDATE, TO_CELL
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.web.caught_ghosts import CaughtGhosts
@@ -189,22 +189,22 @@ class PlayedRound:
         matches = np.flatnonzero(self._numbers == candidate)
         return int(matches[0]) if len(matches) else self.hold
 
-    def _ghost_choices(self, orders: Orders) -> NDArray[np.int64] | None:
+    def _ghost_choices(self, orders: Orders) -> NDArray[Any] | None:
         batch = self.batch
         if not (self.ghost_roles or self._ghosts):
             return None
-        choices = np.full(batch.ghosts.shape, batch.hold, dtype=np.int64)
+        choices = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
         for k, policy in self._ghosts.items():
             if k not in orders.ghosts:
-                choices[:, k] = _choice(policy, batch.situation(k), batch.hold)
+                choices[:, k] = TO_CANDIDATE, _choice(policy, batch.situation(k), batch.hold)
         for k in self.ghost_roles:
             cell = orders.ghosts.get(k)
             if cell == FOLLOW:
-                choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(CHASE))
+                choices[:, k] = AS_BEHAVIOUR, BEHAVIOUR_NAMES.index(CHASE)
             elif cell is not None:
-                choices[:, k] = cell_choice(batch.hold, cell)
+                choices[:, k] = TO_CELL, cell
             elif k not in self._ghosts and self._behaviours[k] in BEHAVIOUR_NAMES:
-                choices[:, k] = behaviour_choice(batch.hold, BEHAVIOUR_NAMES.index(self._behaviours[k]))
+                choices[:, k] = AS_BEHAVIOUR, BEHAVIOUR_NAMES.index(self._behaviours[k])
         return choices
 
     def _snapshot(self) -> Frame:

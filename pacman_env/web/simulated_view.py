@@ -22,8 +22,8 @@ from pacman_env.web.scene import scene_facts
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes 20 to 60 s."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
-#: Fields that change when the tick is over: a pellet is shown until it is reached.
-_LATE = ("alive", "collected", "ghosts_caught", "harmless_s", "away_s", "points", "baseline_collected", "over")
+#: Fields that change when a tick begins. Others change when it is over: a pellet is shown until it is reached.
+_EARLY = ("goal", "velocity", "ghost_goals", "scores", "plan")
 
 
 class TickClock:
@@ -118,15 +118,13 @@ def between(old: Frame, new: Frame, share: float) -> Frame:
     """Return a frame between two ticks; ``share`` 1 gives the frame of the later tick."""
     if share >= 1.0 or new.time_s < old.time_s:
         return new
-    moved = {
-        name: _pose_between(getattr(old, name) or pose, pose, share)
-        for name in ("true", "believed", "baseline")
-        if (pose := getattr(new, name)) is not None
-    }
-    if old.ghosts.shape == new.ghosts.shape:
-        moved["ghosts"] = old.ghosts + share * (new.ghosts - old.ghosts)
-    moved |= {name: getattr(old, name) for name in _LATE}
-    return structs.replace(new, time_s=old.time_s + share * (new.time_s - old.time_s), **moved)
+    fields = {name: getattr(new, name) for name in _EARLY}
+    for name in ("true", "believed", "baseline"):
+        if (pose := getattr(new, name)) is not None:
+            fields[name] = _pose_between(getattr(old, name) or pose, pose, share)
+    for name in ("time_s", "ghosts"):
+        fields[name] = getattr(old, name) + share * (getattr(new, name) - getattr(old, name))
+    return structs.replace(old, **fields)
 
 
 def _pose_between(old: Pose, new: Pose, share: float) -> Any:

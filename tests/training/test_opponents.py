@@ -73,7 +73,7 @@ def test_opponent_of_game_depends_on_seed_alone() -> None:
     pool = Opponents([Named(k) for k in range(4)], [1, 2, 3, 4])
     played = game(BehaviourOpponent("wander"))
     before = pool.select(played.batch.situation(0))
-    np.testing.assert_array_equal(before, pool.drawn(played.batch.games["seed"]))
+    np.testing.assert_array_equal(before["value"], pool.drawn(played.batch.games["seed"]))
     assert len(set(before.tolist())) == 4
     hold(played, 20)
     seen = played.batch.situation(0)

@@ -108,7 +108,7 @@ def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
     page = visit()
     page.page.keyboard.press("?")
     assert not any("frightened" in name for name in page.page.locator("#guide-key li").all_text_contents())
-    assert not page.page.is_visible("#caught-figure")
+    assert not page.page.is_visible("#caught")
 
 
 ENDED = """async ([role, holder, frame, entry]) => {

@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
-from pacman_env.evaluation.compare.text_table import percent, with_interval
+from pacman_env.evaluation.compare.text_table import padded, percent, with_interval
 from pacman_env.evaluation.rounds.summary import LEAST_ROUNDS, Row
 
 MEANING = f"""\
@@ -149,14 +149,9 @@ def render(content: dict[str, Any], picture: str) -> str:
 def markdown(table: LeagueTable) -> str:
     """Return a Markdown table with an aligned source."""
     clean = [[cell.replace("|", "\\|") for cell in row] for row in table.rows]
-    widths = [max(3, *map(len, column)) for column in zip(table.head, *clean, strict=True)]
-
-    def line(cells: Sequence[str]) -> str:
-        parts = (c.ljust(w) if a == "l" else c.rjust(w) for c, w, a in zip(cells, widths, table.align, strict=True))
-        return f"| {' | '.join(parts)} |"
-
-    rule = ("-" * w if a == "l" else "-" * (w - 1) + ":" for w, a in zip(widths, table.align, strict=True))
-    return "\n".join([line(table.head), f"| {' | '.join(rule)} |", *map(line, clean)])
+    head, *rows = padded([table.head, *clean], table.align, least=3)
+    rule = ["-" * (len(cell) - 1) + ("-" if side == "l" else ":") for cell, side in zip(head, table.align, strict=True)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, rule, *rows))
 
 
 def _worst(worst: dict[str, float] | None) -> str:

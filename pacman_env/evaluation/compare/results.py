@@ -3,7 +3,6 @@
 import argparse
 import itertools
 import json
-import re
 import shlex
 from collections.abc import Sequence
 from typing import Any
@@ -15,15 +14,13 @@ from pacman_env.command_line.command import Parser
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare.cells import Cell, places
 from pacman_env.evaluation.rounds.matchups import Played
-from pacman_env.evaluation.rounds.scenarios import describe_scenario, is_checkpoint, load_policy
+from pacman_env.evaluation.rounds.scenarios import GAME_FIELDS, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.stored_rounds import describe_policy
 from pacman_env.evaluation.rounds.summary import SCHEMA, Row, make_row, worst_tenth
 from pacman_env.executors.options import without_executor
 from pacman_env.files import commit
 
 _OUTPUTS = ("parts", "resume", "json", "plot", "video", "html", "markdown", "threads")
-#: A list of plain values in JSON, which is written on one line, and a line break in it.
-_LIST, _BREAK = re.compile(r"\[\n\s+([^][{}]*?)\n\s+\]"), re.compile(r"\n\s+")
 
 
 def make_rows(cells: Sequence[Cell], policies: Sequence[str], played: Sequence[Played]) -> list[Row]:
@@ -68,9 +65,9 @@ def describe(
 
 
 def as_json(content: dict[str, Any]) -> str:
-    """Return the text of the JSON file, with lists of numbers on one line each."""
-    text = json.dumps(content, indent=2, default=str, allow_nan=False)
-    return _LIST.sub(lambda match: f"[{_BREAK.sub(' ', match[1])}]", text) + "\n"
+    """Return the text of the JSON file, with a line for each field."""
+    fields = (f'"{name}": {json.dumps(value, default=str, allow_nan=False)}' for name, value in content.items())
+    return "{\n" + ",\n".join(fields) + "\n}\n"
 
 
 def command(arguments: argparse.Namespace, parser: Parser) -> str:
@@ -79,12 +76,16 @@ def command(arguments: argparse.Namespace, parser: Parser) -> str:
     for name, value in without_executor(arguments).items():
         if name in _OUTPUTS or value == parser.get_default(name):
             continue
-        option = f"--{name.replace('_', '-')}"
-        if name == "set":
-            words += [word for setting in value for word in (option, setting)]
-        else:
-            words += [option, *([] if value is True else map(str, value if isinstance(value, list) else [value]))]
+        words += _words(name, value)
     return shlex.join(words)
+
+
+def _words(name: str, value: Any) -> list[str]:
+    """Return the words of an option and its value on the command line."""
+    option = f"--{name.replace('_', '-')}"
+    if name == "set":
+        return [word for setting in value for word in (option, setting)]
+    return [option, *([] if value is True else map(str, value if isinstance(value, list) else [value]))]
 
 
 def _file_of(spec: str) -> dict[str, str]:
@@ -103,8 +104,6 @@ def replay_command(content: dict[str, Any], row: Row, number: int) -> str:
     if "num_levels" in source:
         words += ["--start-level", source["start_level"], "--num-levels", source["num_levels"]]
     words += ["--policies", first["spec"], spec, "--clyde-speed", row["clyde_speed"]]
-    for name in ("preset", "execution", "clyde_spawn", "clyde_spawn_distance", "spacing", "time_limit"):
-        words += [] if arguments[name] is None else [f"--{name.replace('_', '-')}", arguments[name]]
-    words += ["--endless"] if arguments["endless"] else []
-    words += itertools.chain.from_iterable(("--set", setting) for setting in arguments["set"])
+    for name in ("preset", "execution", *GAME_FIELDS, "set"):
+        words += [] if arguments[name] is None else _words(name, arguments[name])
     return shlex.join(map(str, words))

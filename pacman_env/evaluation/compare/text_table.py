@@ -36,26 +36,38 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
     With ``power`` (the game has power pellets) there is a column of the ghosts caught.
     """
     tables = [table_of(group, power=power) for group in groups(rows)]
-    header, cells = tables[0][0], [block for _, block in tables]
-    widths = [max(map(len, column)) for column in zip(header, *itertools.chain.from_iterable(cells), strict=True)]
-
+    header, *texts = padded([tables[0][0], *itertools.chain.from_iterable(cells for _, cells in tables)])
     bands: list[list[int]] = [[]]  # columns printed next to each other, without the column of policies
     for column in range(1, len(header)):
-        if bands[-1] and sum(widths[k] + 2 for k in (*bands[-1], column)) + widths[0] > width:
+        if bands[-1] and sum(len(header[k]) + 2 for k in (*bands[-1], column)) + len(header[0]) > width:
             bands.append([])
         bands[-1].append(column)
 
-    def line(texts: Sequence[str], band: Sequence[int]) -> str:
-        return "  ".join([texts[0].ljust(widths[0]), *(texts[k].rjust(widths[k]) for k in band)]).rstrip()
-
-    lines: list[str] = []
-    for group, block in zip(groups(rows), cells, strict=True):
+    lines, following = list[str](), iter(texts)
+    for group in groups(rows):
         lines.append(group_title(group[0]))
+        block = [header, *itertools.islice(following, len(group))]
         for band in bands:
-            lines += [*(line(texts, band) for texts in (header, *block)), ""]
+            lines += [*("  ".join([cells[0], *(cells[k] for k in band)]).rstrip() for cells in block), ""]
         if len(group) > 1:
             lines += [*textwrap.wrap(verdict(group), min(width, WIDTH)), ""]
     return "\n".join([*lines, *textwrap.wrap(meaning(rows, power=power), min(width, WIDTH))])
+
+
+def padded(lines: Sequence[Sequence[str]], align: str = "", least: int = 0) -> list[list[str]]:
+    """Return the cells of a table in columns of equal width, at least ``least``.
+
+    ``align`` contains l or r for each column; without it only the first column is aligned to the left.
+    """
+    widths = [max(least, *map(len, column)) for column in zip(*lines, strict=True)]
+    sides = align or "l".ljust(len(widths), "r")
+    return [
+        [
+            cell.ljust(width) if side == "l" else cell.rjust(width)
+            for cell, width, side in zip(line, widths, sides, strict=True)
+        ]
+        for line in lines
+    ]
 
 
 def table_of(group: Sequence[Row], *, power: bool = False) -> tuple[list[str], list[list[str]]]:

@@ -167,6 +167,16 @@ def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
     add_game_option(parser, "--set")
 
 
+#: Configuration field of each option of :func:`add_game_arguments` that is None unless it is given.
+GAME_FIELDS = {
+    "clyde_spawn": "clyde.spawn",
+    "clyde_spawn_distance": "clyde.spawn_distance_m",
+    "spacing": "pellets.spacing_m",
+    "time_limit": "time_limit_s",
+    "endless": "endless",
+}
+
+
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
     """Add the arguments for scenarios and rules; without ``several``, --map and --clyde-speed are lists of one."""
     add_scenario_arguments(parser, several=several)
@@ -177,7 +187,12 @@ def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> Non
     add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
     add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")
     add("--time-limit", type=finite_number(), metavar="S", help="of a round, s (preset's)")
-    add("--endless", action="store_true", help="round after round, Clyde faster each time, until the robot is caught")
+    add(
+        "--endless",
+        action="store_true",
+        default=None,
+        help="round after round, Clyde faster each time, until the robot is caught",
+    )
 
 
 def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -202,13 +217,8 @@ def check_goals(config: Config) -> None:
 
 def game_configs(arguments: argparse.Namespace) -> list[Config]:
     changes = rule_changes(arguments)
-    for name, value in (
-        ("clyde.spawn", arguments.clyde_spawn),
-        ("clyde.spawn_distance_m", arguments.clyde_spawn_distance),
-        ("pellets.spacing_m", arguments.spacing),
-        ("time_limit_s", arguments.time_limit),
-        ("endless", arguments.endless or None),
-    ):
+    for option, name in GAME_FIELDS.items():
+        value = getattr(arguments, option)
         if value is not None:
             if name in changes:
                 raise ConfigError(f"{name}: given twice")

@@ -42,29 +42,13 @@ _DIGITS = 24  # digits of a hash in a file name
 _FIELDS = EPISODE.names or ()
 
 
-class PlayedRounds(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Records of n rounds, one tuple per field of ``EPISODE``, and (m,) decision times in ms."""
-
-    seed: tuple[int, ...]
-    level: tuple[int, ...]
-    end: tuple[int, ...]
-    rounds: tuple[int, ...]
-    spawned: tuple[int, ...]
-    collected: tuple[int, ...]
-    ghosts_caught: tuple[int, ...]
-    lost: tuple[int, ...]
-    aborts: tuple[int, ...]
-    time_s: tuple[float, ...]
-    decision_ms: tuple[float, ...]
-
-
 class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Content of a file of rounds."""
 
     schema: Literal[2]
     decides: dict[str, Any]  # everything that decides the rounds
     commit: str  # commit of the sources that played the rounds
-    rounds: PlayedRounds
+    rounds: dict[str, list[Any]]  # values (n,) by field of ``EPISODE``, and decision times (m,) in ms
     sha256: str  # hash of ``rounds``, to detect damage
 
 
@@ -112,11 +96,9 @@ class StoredRounds:
 
     def _keep(self, number: int, played: Played) -> None:
         records, times = played
-        rounds = PlayedRounds(
-            **{name: tuple(records[name].tolist()) for name in _FIELDS}, decision_ms=tuple(times.tolist())
-        )
-        content = RoundsFile(SCHEMA, self._decides[number], self._commit, rounds, _rounds_hash(rounds))
-        name = f"{self._keys[number]}-{content_hash(rounds.seed)[:_DIGITS]}.json"
+        rounds = {name: records[name].tolist() for name in _FIELDS} | {"decision_ms": times.tolist()}
+        content = RoundsFile(SCHEMA, self._decides[number], self._commit, rounds, content_hash(rounds))
+        name = f"{self._keys[number]}-{content_hash(rounds['seed'])[:_DIGITS]}.json"
         with replaced(self._folder / name) as temporary:
             temporary.write_bytes(msgspec.json.encode(content) + b"\n")
 
@@ -191,10 +173,6 @@ def describe_ghost(name: str) -> dict[str, Any] | str | None:
     return hash_of_code(getattr(find_behaviour(name).target, "__module__", None), behaviour_module(name))
 
 
-def _rounds_hash(rounds: PlayedRounds) -> str:
-    return content_hash(msgspec.to_builtins(rounds))
-
-
 def _read_files(paths: Sequence[Path], what: dict[str, Any]) -> list[Played]:
     """Return the rounds of all files that are not damaged, and report the others."""
     pieces = []
@@ -211,18 +189,12 @@ def _read_file(path: Path, what: dict[str, Any]) -> Played:
     content = parse(RoundsFile, path.read_bytes(), path)
     if content.decides != what:
         raise ValueError(f"{path}: decides: of other rounds")
-    if content.sha256 != _rounds_hash(content.rounds):
+    if content.sha256 != content_hash(content.rounds):
         raise ValueError(f"{path}: sha256: not that of its rounds")
-    records = np.zeros(len(content.rounds.seed), dtype=EPISODE)
+    records = np.zeros(len(content.rounds["seed"]), dtype=EPISODE)
     for name in _FIELDS:
-        values = getattr(content.rounds, name)
-        if len(values) != len(records):
-            raise ValueError(f"{path}: rounds.{name}: must be {len(records)}")
-        try:
-            records[name] = values
-        except OverflowError:
-            raise ValueError(f"{path}: rounds.{name}: a number is too large") from None
-    return records, np.array(content.rounds.decision_ms, dtype=np.float64)
+        records[name] = content.rounds[name]
+    return records, np.array(content.rounds["decision_ms"], dtype=np.float64)
 
 
 def _concatenated(pieces: Sequence[Played]) -> Played:

@@ -18,7 +18,7 @@ from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.power import EYES, frightened_colour
 from pacman_env.policies.policy_calls import PolicyError, choose, reset
 from pacman_env.policies.registry import split_ghosts
-from pacman_env.sim.core.ghost_state import MapGhosts
+from pacman_env.sim.core.ghost_state import GHOST_CHOICE, MapGhosts, choices_of
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
 
@@ -175,9 +175,9 @@ class ClydeGhostNode(GameNode):
         self._owed_s -= period_s
         return 2
 
-    def _choices(self) -> NDArray[np.int64]:
-        """Return the candidate (G,) to which a policy sends each ghost; the last candidate lets a ghost wander."""
-        choices = np.full(len(self.config.clyde.ghosts), self._view.hold, dtype=np.int64)
+    def _choices(self) -> NDArray[Any]:
+        """Return the choices (G,) of the ghosts' policies, of type ``GHOST_CHOICE``; the others wander."""
+        choices = np.zeros(len(self.config.clyde.ghosts), dtype=GHOST_CHOICE)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:
                 situation = self._view.sample_situation(number)  # compiles or loads the policy now
@@ -187,7 +187,7 @@ class ClydeGhostNode(GameNode):
                 seen = Seen(now - self._began_round_s, self._robot, self._pellets.known, harmless_s=harmless_s)
                 situation = self._view.situation(seen, number)
             try:
-                choices[number] = choose(policy, situation)[0]
+                choices[number] = choices_of(choose(policy, situation))[0]
             except PolicyError as error:
                 self.once.warning(f"policy of ghost {number} fails", f"{error}; the ghost wanders")
         return choices

@@ -7,8 +7,6 @@ import os
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from pacman_env.engine.cache_folder import check_kept
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
@@ -31,8 +29,9 @@ def prepare(job: PreparationJob, setup: GameSetup) -> None:
         SimulatedRobot(load_map(setup.map), config, 0).compile_kernels()
     if GHOSTS in job.nodes:
         behaviours, _ = split_ghosts(config.clyde.ghosts)
-        ghosts = MapGhosts(map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0)
-        ghosts.compile_kernels(np.zeros(len(behaviours), dtype=np.int64))
+        MapGhosts(
+            map_assets(setup.map, config), config.with_fields(**{"clyde.ghosts": behaviours}), 0
+        ).compile_kernels()
     _note(job.mark)
 
 

@@ -21,7 +21,7 @@ from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, ticks
-from .ghost_state import spawn_ghost
+from .ghost_state import GHOST_CHOICE, spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,
@@ -34,13 +34,6 @@ from .parameters import (
 from .state import GameLevels, GameState, History, RoundSoFar
 
 ALL_TICKS = 2**62
-
-
-def check_velocities(actions: NDArray[Any]) -> None:
-    """Raise a ValueError with the number of the first game whose action in ``actions`` (N, 2) is not finite."""
-    bad = np.flatnonzero(~np.isfinite(actions).all(axis=1))
-    if len(bad):
-        raise ValueError(f"action {actions[bad[0]].tolist()} of game {bad[0]}: must be two finite numbers")
 
 
 class GameBatch(GameState):
@@ -71,7 +64,7 @@ class GameBatch(GameState):
         self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
-        #: A view (1,) of each field: writing through it is faster than writing to the record.
+        #: A view (1,) of each field: writes through the record are slow, which a step of a single game shows.
         self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
         self._tables: list[Table] = []  # a table for each thread
         self._ghost_tables: list[Table] = []
@@ -126,7 +119,7 @@ class GameBatch(GameState):
         longest = max((len(r.decisions) for r in rounds), default=0)
         still = np.zeros(2) if self.config.action == "velocity" else np.int64(self.hold)
         actions = np.stack([still] * self.n)
-        choices = np.full(self.ghosts.shape, self.hold, dtype=np.int64)
+        choices = np.zeros(self.ghosts.shape, dtype=GHOST_CHOICE)
         awake = np.full(self.n, ticks.ASLEEP, dtype=self._awake.dtype)
         for tick in range(longest + 1):
             # Shorter rounds start later, so that all end together.
@@ -203,7 +196,7 @@ class GameBatch(GameState):
     def step(
         self,
         actions: NDArray[Any],
-        ghost_choices: NDArray[np.int64] | None = None,
+        ghost_choices: NDArray[Any] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
         """Play one tick with its physics steps; games that have ended stand still.
@@ -213,8 +206,8 @@ class GameBatch(GameState):
         Args:
             actions: (N,) int64 candidates (a forbidden one makes the robot hold), or with velocity actions (N, 2)
                 float64, v in m/s and omega in rad/s.
-            ghost_choices: (N, G) int64 for ghosts that a policy controls: the candidate to go to, or the last one to
-                wander; larger numbers are a ``ghosts.behaviour_choice`` or ``cell_choice``. None: all wander.
+            ghost_choices: (N, G) for ghosts that a policy controls: int64 candidates to go to (the last one: wander),
+                or records of type ``ghosts.GHOST_CHOICE``. None: all wander.
             played: (N,) mask of the games to step; None: all. The other games keep the results of their last tick.
 
         Raises ValueError, without any change, for an invalid action or choice.
@@ -229,7 +222,7 @@ class GameBatch(GameState):
         self._advance()
         self._follow_completed_rounds()
 
-    def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[np.int64] | None = None) -> None:
+    def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[Any] | None = None) -> None:
         """Play one tick in which the robots are driven by hand: goals are cancelled and Nav2 is idle.
 
         ``velocities`` (N, 2), v in m/s and omega in rad/s, are clipped to what the base can follow; ``ghost_choices``
@@ -251,7 +244,7 @@ class GameBatch(GameState):
         self,
         actions: NDArray[Any],
         forbidden: NDArray[np.bool_],
-        choose_for_ghosts: Callable[[], NDArray[np.int64] | None] | None = None,
+        choose_for_ghosts: Callable[[], NDArray[Any] | None] | None = None,
         played: NDArray[np.bool_] | None = None,
     ) -> None:
         """Play each game until its next decision is due; games that wait for others stand still.
@@ -331,12 +324,14 @@ class GameBatch(GameState):
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
         if self.config.action == "velocity":
-            check_velocities(actions)
+            for game in np.flatnonzero(~np.isfinite(actions).all(axis=1))[:1]:
+                raise ValueError(f"action {actions[game].tolist()} of game {game}: must be two finite numbers")
             self.arrays["velocities"][:] = actions
             return
-        bad = kernels.copy_choices(actions, self.hold, self.arrays["choices"])
-        if bad >= 0:
-            raise ValueError(f"choice {actions[bad]} of game {bad}: candidates are 0 to {self.hold}")
+        bad = np.flatnonzero((actions < 0) | (actions > self.hold))
+        if len(bad):
+            raise ValueError(f"choice {actions[bad[0]]} of game {bad[0]}: candidates are 0 to {self.hold}")
+        self.arrays["choices"][:] = actions
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
         """Move a ghost to its cell nearest to (x, y), m, and return the position of that cell."""

@@ -43,6 +43,13 @@ from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 _TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None and entry.name != FLEE)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # instead of a kernel's address: a policy sends the ghost
+TO_WANDER, TO_CANDIDATE, AS_BEHAVIOUR, TO_CELL = range(4)  # kinds of a choice for a ghost that a policy sends
+GHOST_CHOICE = np.dtype(
+    [
+        ("kind", np.int64),
+        ("value", np.int64),  # 0, candidate (the last one: wander), index in ``BEHAVIOUR_NAMES``, cell of its map
+    ]
+)
 
 
 class GhostArrays(NamedTuple):
@@ -53,8 +60,8 @@ class GhostArrays(NamedTuple):
     paths: Any = Array(np.int32, "N G l")  # cells of each ghost's path
     obstacles: Any = Array(np.float64, "N G 5")  # of ``kernels.RuleArrays``
     parameters: Any = Array(PARAMETERS, "1")
-    choices: Any = Array(np.int64, "N G")  # choices of the ghosts that a policy controls
-    remembered: Any = Array(np.int32, "N t G")  # choice at each tick of the round
+    choices: Any = Array(GHOST_CHOICE, "N G")  # for the ghosts that a policy sends
+    remembered: Any = Array(GHOST_CHOICE, "N t G")  # choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants; the last: of the frightened
     levels: Any = Array(np.int64, "L")  # addresses
     search: Any = SearchArrays
@@ -108,16 +115,16 @@ def _go(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _send(ghost, path, i, chosen, level, a):  # type: ignore[no-untyped-def]
-    """Send a ghost of game i to a candidate of the robot, or let it wander (last candidate)."""
-    g, p = a.games[i], a.parameters[0]
-    goal = chosen if chosen < p.pellet_slots else g.pellets + chosen - p.pellet_slots
-    target = -1
-    hold = p.pellet_slots + p.refuge_slots
-    if chosen < hold and goal < g.pellets + g.refuges and (chosen >= p.pellet_slots or chosen < g.pellets):
-        target = level.ghost_place[goal]
-    _go(ghost, path, target, level, a.search)
-    ghost.place = -1 if ghost.wanders else chosen
+def _cell_of(chosen, g, level, p):  # type: ignore[no-untyped-def]
+    """Return the cell to which a choice sends a ghost, or -1 if it wanders; the game or map may lack the place."""
+    value = chosen.value
+    if chosen.kind == TO_CELL and value < len(level.ghost_part):
+        return value
+    if chosen.kind == TO_CANDIDATE and value < p.pellet_slots + p.refuge_slots:
+        goal = value if value < p.pellet_slots else g.pellets + value - p.pellet_slots
+        if goal < g.pellets + g.refuges and (value >= p.pellet_slots or value < g.pellets):
+            return np.int64(level.ghost_place[goal])
+    return -1
 
 
 @kernel
@@ -128,7 +135,6 @@ def decide(table, i):  # type: ignore[no-untyped-def]
     g, p = a.games[i], a.parameters[0]
     level = level_arrays(a.levels[g.level])
     count = ghosts.shape[1]
-    hold = p.pellet_slots + p.refuge_slots
     flee = len(behaviours) - 1
     for k in range(count):
         row = -1
@@ -137,24 +143,19 @@ def decide(table, i):  # type: ignore[no-untyped-def]
         if ghost.fled and not frightened:  # a ghost that wanders draws a new target at the end of its path
             ghost.wanders |= behaviours[k, 0] == 0
         ghost.fled = frightened
+        if behaviours[k, 0] < 0:
+            a.remembered[i, g.tick, k] = a.choices[i, k]
         if is_away(a.obstacles[i, k], g.step):
-            if behaviours[k, 0] < 0:
-                a.remembered[i, g.tick, k] = a.choices[i, k]
             continue
         if behaviours[k, 0] > 0:
             row = k
         elif behaviours[k, 0] < 0:  # a policy sends it
             chosen = a.choices[i, k]
-            a.remembered[i, g.tick, k] = chosen
-            if chosen <= hold:
-                _send(ghosts[i, k], paths[i, k], i, chosen, level, a)
+            if chosen.kind == AS_BEHAVIOUR:
+                row = count + chosen.value
             else:
-                ghosts[i, k].place = -1
-                row = count + chosen - hold - 1
-                if row >= flee:
-                    cell = row - flee  # an unknown cell means to wander
-                    _go(ghosts[i, k], paths[i, k], cell if cell < len(level.ghost_part) else -1, level, a.search)
-                    row = -1
+                _go(ghost, paths[i, k], _cell_of(chosen, g, level, p), level, a.search)
+            ghost.place = chosen.value if chosen.kind == TO_CANDIDATE and not ghost.wanders else -1
         if frightened and behaviours[k, 0] >= 0:
             row = flee
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
@@ -221,14 +222,13 @@ def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
 spawn_ghost = kernel(spawn)
 
 
-def behaviour_choice(hold: int, number: int) -> int:
-    """Return the choice that lets a policy's ghost follow ``BEHAVIOUR_NAMES[number]`` in this tick."""
-    return hold + 1 + number
-
-
-def cell_choice(hold: int, cell: Any) -> Any:
-    """Return the choice that sends a policy's ghost to a cell of its map (``ClydeCells``)."""
-    return behaviour_choice(hold, len(BEHAVIOUR_NAMES)) + cell
+def choices_of(values: NDArray[Any], kind: int = TO_CANDIDATE) -> NDArray[Any]:
+    """Return integers of any shape as choices of one kind; choices (``GHOST_CHOICE``) are returned unchanged."""
+    if values.dtype == GHOST_CHOICE:
+        return values
+    choices = np.zeros(values.shape, dtype=GHOST_CHOICE)
+    choices["kind"], choices["value"] = kind, values
+    return choices
 
 
 class Ghosts:
@@ -239,9 +239,7 @@ class Ghosts:
         self.state = np.zeros((n, count), dtype=GHOST)
         self.paths = np.zeros((n, count, 0), dtype=np.int32)  # (N, G, L) cells of each ghost's path
         self.obstacles = np.zeros((n, count, 5))  # of ``kernels.RuleArrays``
-        #: Choices for ghosts that a policy sends: a candidate (the last one: wander), a :func:`behaviour_choice` or a
-        #: :func:`cell_choice`.
-        self.choices = np.zeros((n, count), dtype=np.int64)
+        self.choices = np.zeros((n, count), dtype=GHOST_CHOICE)  # for the ghosts that a policy sends
         self.wander_first = np.array([one.name in (WANDER, POLICY) for one in behaviours])
         self.sent_from_outside = np.array([one.name == POLICY for one in behaviours])
         self._any_sent = bool(self.sent_from_outside.any())
@@ -267,39 +265,38 @@ class Ghosts:
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
-    def send(self, choices: NDArray[np.int64] | None) -> None:
-        """Set the ``choices`` (N, G) of ghosts that a policy sends (None: wander); a ValueError changes nothing."""
+    def send(self, choices: NDArray[Any] | None) -> None:
+        """Set the choices of ghosts that a policy sends, (N, G) records or candidates, and compile their behaviours.
+
+        None lets them wander. A ValueError changes nothing.
+        """
         if not self._any_sent:
             return
         if choices is None:
-            self.choices.fill(self._hold)
+            self.choices.fill(0)
             return
         if choices.shape != self.choices.shape:
             raise ValueError(f"ghost choices of shape {choices.shape}: must be {self.choices.shape}")
-        most = cell_choice(self._hold, self._levels.sizes.ghost_cells - 1)
-        bad = np.flatnonzero(((choices < 0) | (choices > most)).any(axis=1))
+        sent = choices_of(choices)
+        kind, value = sent["kind"], sent["value"]
+        bad = np.flatnonzero(((value < 0) | (value > self._most[kind])).any(axis=1))
         if len(bad) > 0:
-            raise ValueError(
-                f"ghost choices {choices[bad[0]].tolist()} of game {bad[0]}: candidates are 0 to {self._hold}"
-            )
-        self.choices[:] = choices
-        self.compile_choices()
-
-    def compile_choices(self) -> None:
-        if self.choices.max() <= self._hold:
-            return
-        for k, behaviour in enumerate(_TABLE):
+            wrong = value[bad[0]].tolist()
+            raise ValueError(f"ghost choices {wrong} of game {bad[0]}: candidates are 0 to {self._hold}")
+        self.choices[:] = sent
+        for k in set(value[kind == AS_BEHAVIOUR].tolist()):
             row = len(self.wander_first) + k
-            if self._behaviours[row, 0] == 0 and (self.choices == behaviour_choice(self._hold, k)).any():
-                self._use(row, behaviour)
+            if row not in self._used:
+                self._use(row, _TABLE[k])
 
     def bind(self, levels: LevelSlots, hold: int) -> None:
         """Set the levels that the ghosts walk on and ``hold``, the last candidate."""
         self._levels, self._hold = levels, hold
+        self._most = np.array([0, hold, len(_TABLE) - 1, levels.sizes.ghost_cells - 1])  # largest value by kind
         # A ghost that turns round between two cells first walks to the second one.
         self.paths = np.zeros((*self.state.shape, levels.sizes.longest_ghost_way + 1), dtype=np.int32)
 
-    def table(self, games: NDArray[Any], remembered: NDArray[np.int32], parameters: NDArray[Any]) -> Table:
+    def table(self, games: NDArray[Any], remembered: NDArray[Any], parameters: NDArray[Any]) -> Table:
         """Return a table for the kernels with its own scratch memory; each thread needs one."""
         return Table(
             GhostArrays,
@@ -318,11 +315,11 @@ class Ghosts:
     def raise_error_of(self, table: int, game: int) -> None:
         count = len(self.wander_first)
         for k in range(count):
-            chosen = int(self.choices[game, k]) - behaviour_choice(self._hold, 0)
-            row = k if k in self._used else count + chosen
+            kind, value = self.choices[game, k].tolist()
+            row = count + value if kind == AS_BEHAVIOUR else k
             if self.state["fled"][game, k] and not self.sent_from_outside[k]:
                 row = len(self._behaviours) - 1
-            if row in self._used and (row == k or chosen >= 0):
+            if row in self._used:
                 self._used[row](table, game, row * count + k)
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")
 
@@ -342,7 +339,7 @@ class MapGhosts:
         self._parameters["use_tf"] = 1  # the pose of see_robot is the believed pose
         self._games = np.zeros(1, dtype=GAME)  # only holds the robot's pose
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
-        self._remembered = np.zeros((1, 1, len(self)), dtype=np.int32)
+        self._remembered = np.zeros((1, 1, len(self)), dtype=GHOST_CHOICE)
         self._headings = [0.0] * len(self)
         self._table = self._ghosts.table(self._games, self._remembered, self._parameters)
         state = self._ghosts.state[0]
@@ -397,14 +394,12 @@ class MapGhosts:
             ghost["stream"], pick = _below(ghost["stream"], len(cells))
             self.place(number, int(cells[pick]))
 
-    def decide(self, choices: NDArray[np.int64] | None = None) -> None:
-        """Choose targets of ghosts that do not wander; ``choices`` (G,) are candidates for ghosts of policies."""
-        if choices is not None:
-            self._ghosts.choices[0] = choices
-            self._ghosts.compile_choices()
+    def decide(self, choices: NDArray[Any] | None = None) -> None:
+        """Choose targets of ghosts that do not wander; ``choices`` (G,) are those of :meth:`Ghosts.send`."""
+        self._ghosts.send(None if choices is None else choices[None])
         decide(self._table.address, 0)
 
-    def compile_kernels(self, choices: NDArray[np.int64]) -> None:
+    def compile_kernels(self, choices: NDArray[Any] | None = None) -> None:
         """Compile all kernels in advance, then respawn the ghosts."""
         self.decide(choices)
         self.step()

@@ -15,7 +15,6 @@ from ...game.ends import RUNNING, TIMEOUT
 from ...game.execution import CANCEL, CHECK, CHOICE, NO_CHOICE, RESULT, SEND, Board, closing_speed, goal_of, transition
 from ...game.ghosts import ghost_stream, spawn
 from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_harmless
-from ...game.reward import reward
 from ...rng import LOCALIZATION, NAVIGATION, below, stream
 from ...world.navigation import localization, navigator
 from ...world.navigation.controller import drive_wheels, limit, refresh_heading
@@ -158,17 +157,6 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def copy_choices(choices, most, copied):  # type: ignore[no-untyped-def]
-    """Copy the choices (N,) and return -1, or return the first game whose choice is not in 0 to ``most``."""
-    for i in range(len(choices)):
-        if choices[i] < 0 or choices[i] > most:
-            return i
-    for i in range(len(choices)):
-        copied[i] = choices[i]
-    return -1
-
-
-@kernel
 def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
     """Record a game's choice in ``decisions`` (N, T) and send it to the navigator; a forbidden one becomes hold."""
     g, p = a.games[i], a.parameters[0]
@@ -298,12 +286,6 @@ def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-u
     if not g.stage:
         sense(g, p)
     return g.stage == 0
-
-
-@kernel
-def earned(g, rewards):  # type: ignore[no-untyped-def]
-    """Return the reward of the last tick."""
-    return reward(1, g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds, g.end, rewards)
 
 
 @kernel

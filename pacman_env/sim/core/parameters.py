@@ -13,7 +13,7 @@ from ...game.decisions import decision_rules
 from ...game.execution import Execution, rules
 from ...game.ghosts import GHOST_FIELDS
 from ...game.power import frightened_s
-from ...game.reward import Rewards
+from ...game.reward import Rewards, TickCounts
 from ...rng import RANDOMIZE, ROUND, stream, uniform
 from ...world.navigation.controller import HORIZON_S, LOOKAHEAD_M
 from ...world.navigation.localization import LOCALIZATION_FIELDS
@@ -33,10 +33,7 @@ _FIELDS = [
     ("stage", np.int32),  # next stage of this tick (ticks.py)
     ("tick", np.int32),  # ticks in this round
     *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
-    ("tick_pellets", np.int32),  # collected in the last tick
-    ("tick_power", np.int32),  # power pellets among them
-    ("tick_caught", np.int32),  # ghosts caught in the last tick
-    ("tick_rounds", np.int32),  # rounds completed in the last tick of an endless game
+    *((name, np.int32) for name in TickCounts._fields),  # of the last tick
     ("round", np.int32),  # from 1
     ("all_collected", np.int32),  # pellets over all rounds
     ("all_caught", np.int32),  # ghosts caught over all rounds
@@ -49,17 +46,7 @@ _FIELDS = [
     ("distance", np.float64),  # believed distance to the nearest ghost at the last decision, m
     ("closing", np.float64),  # m/s
 ]
-#: Fields used in every physics step come first: four cache lines instead of eleven (6 % more decisions per second).
-_HOT = (
-    *("x", "y", "vx", "vy", "body_x", "body_y", "body_vx", "body_vy", "force_x", "force_y", "touch"),
-    *("heading", "heading_cos", "heading_sin", "omega", "left", "right"),
-    *("error_x", "error_y", "error_cos", "error_sin", "step", "substep", "stage", "end"),
-    *("nav_state", "nav_points", "nav_at", "nav_ahead", "nav_next", "nav_next_step", "nav_plan_step", "nav_wait_step"),
-    *("nav_no_control_step", "nav_clear_step", "nav_result", "nav_no_path_step", "nav_end_x", "nav_end_y"),
-    *("speed_limit", "clyde_x", "clyde_y", "odom_x", "odom_y", "odom_heading"),
-    *("update_distance", "update_angle", "level"),
-)
-GAME = np.dtype(sorted(_FIELDS, key=lambda f: _HOT.index(f[0]) if f[0] in _HOT else len(_HOT)), align=True)
+GAME = np.dtype(_FIELDS, align=True)
 GHOST = np.dtype(GHOST_FIELDS, align=True)
 #: The last decision of a game, which decides when the next one is due.
 LAST_DECISION = np.dtype(
@@ -142,14 +129,11 @@ PARAMETERS = np.dtype(
     [(name, float if isinstance(value, float) else np.int64) for name, value in _values(Config(), 0.05, 1, 0).items()],
     align=True,
 )
+#: Record of the rewards, and the discount per tick.
 REWARDS = np.dtype(
     [
-        ("tick", np.float64),
-        ("pellet", np.float64),
-        ("power", np.float64),
-        ("ghost_caught", np.float64),
-        ("end", np.float64, (5,)),
-        ("discount", np.float64),  # per tick
+        *((name, np.float64, np.shape(value)) for name, value in Rewards.of(RewardConfig())._asdict().items()),
+        ("discount", np.float64),
     ],
     align=True,
 )
@@ -175,9 +159,9 @@ _DRAWN = {
     "abort_rate": "nav_abort_rate",
     "pickup_radius_m": "pickup",
 }
-_TOTALS = "all_collected", "all_caught", "score", "tick_pellets", "tick_power", "tick_caught"
+_TOTALS = "all_collected", "all_caught", "score"
 #: Fields that an endless game keeps from round to round.
-KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", *_TOTALS)
+KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "round", *_TOTALS, *TickCounts._fields)
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:

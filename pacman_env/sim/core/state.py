@@ -15,7 +15,7 @@ from ..maps.level_slots import LevelSlots
 from ..maps.level_source import LevelSource
 from ..maps.levels_ahead import LevelsAhead
 from . import kernels
-from .ghost_state import Ghosts
+from .ghost_state import GHOST_CHOICE, Ghosts
 from .parameters import GAME
 from .ticks import TickArrays
 
@@ -87,7 +87,7 @@ class RoundSoFar(NamedTuple):
     level: int
     began: Any  # first record of the round, with its seed
     decisions: NDArray[Any]  # (T,) or (T, 2)
-    ghost_choices: NDArray[np.int32]  # (T, G); (0, G) if no ghost is controlled by a policy
+    ghost_choices: NDArray[Any]  # (T, G) of type ``GHOST_CHOICE``; (0, G) if no ghost is controlled by a policy
 
 
 class History:
@@ -96,7 +96,7 @@ class History:
     def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
         velocity = config.action == "velocity"
         self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
-        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), np.int32)
+        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), GHOST_CHOICE)
         self.began = np.zeros(n, dtype=GAME)
         self._certain = 0  # number of ticks that certainly fit in every game
 

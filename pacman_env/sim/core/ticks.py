@@ -12,6 +12,7 @@ from ...engine.bucket_queue import SearchArrays
 from ...engine.jit import table_kernel
 from ...engine.native import address_of
 from ...game.ends import RUNNING, TIMEOUT
+from ...game.reward import reward
 from ...world.navigation import navigator
 from ...world.navigation.controller import refresh_heading
 from ...world.navigation.physics import move as move_body
@@ -158,7 +159,7 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                     kernels.finish(rules, i)
                     ghost_state.watch(ghost_table, i)
                 g.stage = BEGIN
-                a.reward[i] += d.factor * kernels.earned(g, a.rewards[0])
+                a.reward[i] += d.factor * reward(g, g.end, a.rewards[0])
                 d.factor *= a.rewards[0].discount
                 a.elapsed_s[i] += p.tick_s
                 if control.watch and (d.awake == ONE_TICK or kernels.due(g, choices[i], d, p)):

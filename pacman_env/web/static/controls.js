@@ -1,7 +1,7 @@
 // Run the game: Start, Pause, Reset, speed, STOP; its state and result; who has control.
 
 import { ask, isOpen, request } from "./connection.js";
-import { $, clock, setIcon, slider, write, writeOrHide } from "./dom.js";
+import { $, clock, make, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { dismiss, notice, question } from "./notices.js";
 import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
 
@@ -14,6 +14,18 @@ $("reset").onclick = async () => {
 };
 $("pause").onclick = () => request({ do: "pause", on: !state.frame?.paused });
 const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request({ do: "speed", times }), 150);
+
+// The figures at the top by id: name, and value in the shown and the newest frame; hidden if undefined.
+const FIGURES = {
+  score: ["Score", ({ score }) => (state.story ? "–" : score)],
+  pellets: ["Pellets", ({ collected, spawned }) => (spawned ? `${collected}/${spawned}` : "–")],
+  caught: ["Ghosts", (frame) => frame.ghosts_caught],
+  time: ["Time", (frame) => clock(frame.time_s)],
+  lives: ["Lives", (_, { lives }) => lives],
+  round: ["Round", ({ round }) => round],
+};
+$("figures").append(...Object.entries(FIGURES).map(([id, [name]]) => (
+  make("div", { hidden: true }, make("dt", { text: name }), make("dd", { id })))));
 
 // The word of the game's state, and the kind that its colour follows.
 function stateOf(frame) {
@@ -36,18 +48,14 @@ on("frame story role people", () => {
   const [word, kind] = stateOf(frame);
   write($("state"), word);
   $("state").dataset.state = kind;
-  write($("score"), state.story ? "–" : String(frame.score));
-  write($("pellets"), frame.spawned ? `${frame.collected}/${frame.spawned}` : "–");
+  for (const [id, [, figure]] of Object.entries(FIGURES)) {
+    const value = figure(frame, live);
+    $(id).parentElement.hidden = value === undefined;
+    write($(id), String(value ?? "–"));
+  }
+  write($("round").previousElementSibling, live.lives === undefined ? "Round" : "Level");
   const count = state.story ? undefined : live.begins_in_s;
   writeOrHide($("countdown"), count > 0 ? String(Math.ceil(count)) : "");
-  $("caught-figure").hidden = frame.ghosts_caught === undefined;
-  write($("caught"), String(frame.ghosts_caught ?? "–"));
-  write($("time"), clock(frame.time_s));
-  write($("round"), String(frame.round));
-  const { lives } = live;
-  write($("round").previousElementSibling, lives === undefined ? "Round" : "Level");
-  $("lives-figure").hidden = lives === undefined;
-  write($("lives"), String(lives ?? "–"));
   write($("hint"), hintFor(live));
   showSpeed(Math.round(live.speed));
   const pause = $("pause");

@@ -85,7 +85,7 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
 
 
 class House:
-    """A house before its survey: ``floor``, ``rooms``, ``doors`` and the number of pieces of ``furniture``.
+    """A house before its survey: ``floor``, ``rooms`` and ``doors``.
 
     ``shapes`` are in m around the middle of the building, ``turn`` is in rad, and ``dice`` is for the survey.
     """
@@ -115,10 +115,8 @@ class House:
             if self.dice.chance(_LEAF_SHARE) and self.rooms[k].place(leaf, side):
                 self._add(SOLID, leaf)
         self._build_windows()
-        self.furniture = 0
         for room in self.rooms:
-            shapes, pieces = room.furnish(self.dice)
-            self.furniture += pieces
+            shapes = room.furnish(self.dice)
             x, y = self.floor.size[0] / 2, self.floor.size[1] / 2
             self.shapes += [(s[0], s[1] - x, s[2] - y, *s[3:]) for s in shapes]
 
@@ -206,13 +204,12 @@ class Room:
         self.occupied.append((rect, side))
         return True
 
-    def furnish(self, dice: Dice) -> tuple[list[Shape], int]:
-        """Place furniture; return its shapes in the frame of ``inner`` and the number of pieces (chairs excluded)."""
+    def furnish(self, dice: Dice) -> list[Shape]:
+        """Place furniture, and return its shapes in the frame of ``inner``."""
         role = self.role
         if not role:
             role = "bath" if area(self.inner) < _BATH_M2 else ("bedroom", "bedroom", "study", "kitchen")[dice.below(4)]
         shapes: list[Shape] = []
-        count = 0
         for form, free, length0, length1, deep0, deep1, share in (*_FURNITURE[role], *_CLUTTER):
             if dice.draw() >= share:
                 continue
@@ -229,9 +226,8 @@ class Room:
                     x0, y0, x1, y1 = spot[0]
                     shapes += _piece(dice, form, (x0 + x1) / 2, (y0 + y1) / 2, length, deep, degrees)
                     self.occupied.append(spot)
-                    count += 1
                     break
-        return shapes, count
+        return shapes
 
     def _at_a_wall(self, dice: Dice, length: float, deep: float) -> tuple[Rect, int] | None:
         side = dice.below(4)

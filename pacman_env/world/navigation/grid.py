@@ -152,22 +152,8 @@ def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArr
 def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float32]:
     """Return the distance (H, W) in m from each cell's centre to the centre of the nearest cell that is not free."""
     distance = cv2.distanceTransform(free.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return _whole_squares(distance, resolution)
-
-
-@kernel
-def _whole_squares(distance, resolution):  # type: ignore[no-untyped-def]
-    """Convert distances (H, W) from cells to m.
-
-    Squared distances between cells are whole numbers. They are rounded first, because OpenCV's last bit differs between
-    machines.
-    """
-    rounded = np.empty(distance.shape, np.float32)
-    for row in range(len(distance)):
-        for column in range(distance.shape[1]):
-            d = np.float64(distance[row, column])
-            rounded[row, column] = np.sqrt(np.rint(d * d)) * resolution
-    return rounded
+    squares = np.rint(distance.astype(np.float64) ** 2)  # whole numbers, without OpenCV's varying last bit
+    return (np.sqrt(squares) * resolution).astype(np.float32)
 
 
 def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:

@@ -10,7 +10,6 @@ the wall that it touches.
 import atexit
 import math
 import weakref
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -228,43 +227,6 @@ class Spaces:
             self._levels[k], self._spaces[k] = _NONE, None
 
 
-def bare_stepper(
-    walls: NDArray[np.float64],
-    places: NDArray[np.float64],
-    *,
-    radius_m: float,
-    mass_kg: float,
-    step_s: float,
-    speed_mps: float,
-) -> Callable[[int], None]:
-    """Return a function that only plays physics steps of robots at ``places`` (N, 2), as reference for benchmarks.
-
-    The robots share a space, start in different directions and bounce, so that they keep moving.
-    """
-    space = _new_space()
-    for x0, y0, x1, y1 in walls.tolist():
-        space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
-    for i, (x, y) in enumerate(places.tolist()):
-        body = _robot(space, radius_m, mass_kg)
-        body.position = x, y
-        body.velocity = pymunk.Vec2d(speed_mps, 0.0).rotated(2.399963 * i)  # golden angle
-    for shape in space.shapes:
-        shape.elasticity = 1.0
-
-    def step(count: int) -> None:
-        for _ in range(count):
-            space.step(step_s)
-
-    return step
-
-
-def _new_space() -> pymunk.Space:
-    space = pymunk.Space()
-    space.collision_slop = _COLLISION_SLOP_M
-    _open_spaces.add(space)
-    return space
-
-
 _open_spaces: weakref.WeakSet[pymunk.Space] = weakref.WeakSet()
 
 
@@ -280,19 +242,13 @@ def _disown_open_spaces() -> None:
             ffi.gc(pointer, None)
 
 
-def _robot(space: pymunk.Space, radius_m: float, mass_kg: float) -> pymunk.Body:
-    body = pymunk.Body(mass_kg, float("inf"))
-    circle = pymunk.Circle(body, radius_m)
-    circle.filter = pymunk.ShapeFilter(group=1)  # robots do not touch one another
-    space.add(body, circle)
-    return body
-
-
 class _Space:
     """A pymunk space with walls and one robot, whose state is written to and read from rows of two arrays."""
 
     def __init__(self, walls: NDArray[np.float64], radius_m: float, mass_kg: float) -> None:
-        self.space = space = _new_space()
+        self.space = space = pymunk.Space()
+        space.collision_slop = _COLLISION_SLOP_M
+        _open_spaces.add(space)
         # Static segments, created like in pymunk but without Python objects.
         static, handle = space.static_body._body, space._space
         shapes = [lib.cpSegmentShapeNew(static, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()]
@@ -301,7 +257,8 @@ class _Space:
         # Not at interpreter exit, when a daemon thread may be in the middle of a step.
         weakref.finalize(self, _remove_walls, space, shapes).atexit = False
         self._kept: list[Any] = []  # objects that Chipmunk refers to by address
-        _robot(space, radius_m, mass_kg)
+        body = pymunk.Body(mass_kg, float("inf"))
+        space.add(body, pymunk.Circle(body, radius_m))
 
     def bind(self, given: NDArray[np.float64], taken: NDArray[np.float64]) -> tuple[int, ...]:
         """Connect the space to the rows ``given`` (6,) and ``taken`` (4,), and return its row of the space table."""

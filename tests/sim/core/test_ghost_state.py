@@ -9,7 +9,7 @@ import pytest
 from pacman_env.config import make_config
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import cell_choice
+from pacman_env.sim.core.ghost_state import TO_CELL, choices_of
 from tests.drawn import drawn
 from tests.sim.maps.test_ghost_cells import POCKETS
 from tests.sim.players import new_batch
@@ -94,7 +94,7 @@ def test_ghost_in_a_pocket_wanders_there() -> None:
 
 def test_bad_ghost_choices_are_refused_and_change_nothing() -> None:
     batch, twin = (games(2, "policy") for _ in range(2))
-    for bad in ([[0], [-1]], [[10**6], [0]], [[0, 0], [0, 0]], [0, 0]):
+    for bad in ([[0], [-1]], [[batch.hold + 1], [0]], [[0, 0], [0, 0]], [0, 0]):
         with pytest.raises(ValueError, match="ghost choices"):
             batch.step(np.array([1, 1]), np.array(bad))
     for one in (batch, twin):
@@ -108,7 +108,7 @@ def test_ghost_goes_to_any_cell() -> None:
     cells = batch.assets.clyde.cells_in(batch.assets.clyde_part)
     sent = np.random.default_rng(0).choice(cells, batch.n)
     for _ in range(35):
-        hold(batch, cell_choice(batch.hold, sent)[:, None])
+        hold(batch, choices_of(sent[:, None], TO_CELL))
     np.testing.assert_array_equal(stands_at(batch), batch.assets.clyde.position[sent])
 
 

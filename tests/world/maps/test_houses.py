@@ -77,7 +77,7 @@ def test_houses_have_dead_ends_and_home_size() -> None:
     assert all(30 <= sum(area(room.inner) for room in plan.rooms) <= 75 for plan in plans())
     assert len({len(plan.rooms) for plan in plans()}) >= 5
     assert np.mean([any(shape[0] == GLASS for shape in plan.shapes) for plan in plans()]) > 0.9
-    assert np.median([plan.furniture for plan in plans()]) >= 10
+    assert np.median([sum(len(room.occupied) for room in plan.rooms) for plan in plans()]) >= 10
 
 
 @pytest.mark.parametrize("level", range(12))

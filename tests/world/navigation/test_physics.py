@@ -181,14 +181,13 @@ GLOBAL_SPACES = """
 import numpy as np
 import pacman_env
 import numba
-from pacman_env.world.navigation.physics import Spaces, bare_stepper
+from pacman_env.world.navigation.physics import Spaces
 kernel = numba.njit(lambda x: x)
 kernel(1)
 walls = np.array([[-2.0, -2.0, 2.0, -2.0]])
 spaces = Spaces(4, levels=4, radius_m=0.17, mass_kg=1.0, step_s=0.05)
 for level in range(4):
     spaces.provide(level, walls)
-stepper = bare_stepper(walls, walls[:, :2], radius_m=0.17, mass_kg=1.0, step_s=0.05, speed_mps=0.3)
 print(len(spaces))
 """
 
