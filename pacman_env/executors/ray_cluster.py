@@ -13,7 +13,7 @@ from pacman_env.engine.cache_folder import package_hash
 
 from .executor import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed, attempt
 
-_ANSWER_S = 5.0  # within which a cluster answers
+_ANSWER_S = 5.0  # longest wait until a cluster answers
 
 
 class RayCluster(Executor):
@@ -68,7 +68,11 @@ class RayCluster(Executor):
 
 
 def _attempt(function: Callable[[Any], Any], number: int, task: Any, version: str, sources: str, folder: str) -> Any:
-    """Do a task in the folder of the command, so that relative paths name the same files."""
+    """Do a task on a worker, in the folder where the user ran the command (if the worker has this folder).
+
+    Relative paths then name the same files as for the user. Raises RuntimeError if the worker's version of the package
+    differs from ``version``, or the hash of its sources from ``sources``: both are the user's.
+    """
     if (__version__, package_hash()) != (version, sources):
         own = f"worker on {socket.gethostname()}: pacman_env {__version__}, sources {package_hash()}"
         raise RuntimeError(f"{own}; the command has {version}, sources {sources}: install the same")

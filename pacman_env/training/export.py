@@ -74,7 +74,11 @@ def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
 
 
 def model_bytes(network: EntityNetwork) -> bytes:
-    """Return ``forward`` as an ONNX model: candidates, globals and mask to logits and values, for any B and C."""
+    """Return the network's ``forward`` as the bytes of an ONNX model, for any number of games B and candidates C.
+
+    The inputs are ``candidates`` (B, C, F) and ``globals`` (B, H), float32, and ``mask`` (B, C), bool. The outputs are
+    ``logits`` (B, C) and ``values`` (B,), float32.
+    """
     g = _Graph()
     mask = "mask"
     for kind in network.dropped_kinds:

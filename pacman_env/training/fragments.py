@@ -121,7 +121,10 @@ def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, see
 
 @functools.cache
 def use_device(name: str) -> str:
-    """Set torch up for reproducible training; raises ValueError if the device cannot be used."""
+    """Set torch up for reproducible training on a device, and return the device's name.
+
+    A second call with the same name does nothing. Raises ValueError if the device cannot be used.
+    """
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of sums varies
     torch.set_deterministic_debug_mode("error")  # use_deterministic_algorithms imports a compiler for two seconds
     torch.utils.deterministic.fill_uninitialized_memory = False  # none is read

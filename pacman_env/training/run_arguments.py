@@ -95,7 +95,7 @@ class Hyperparameters(Checked):
         return self.games * self.n_steps
 
     def progress(self, decisions: int) -> float:
-        """Return the progress within a cycle, above 0 and at most 1, after this number of decisions."""
+        """Return the progress within a cycle, above 0 and at most 1; no decisions count as the end of a cycle."""
         parts = min(decisions, self.decisions) * self.cycles  # in integers, to avoid rounding
         return ((parts - 1) % self.decisions + 1) / self.decisions
 

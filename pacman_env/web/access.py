@@ -43,7 +43,7 @@ _NAME = re.compile(
     r"((?P<scheme>https?)://)?(?P<host>[a-z0-9._-]+|\[?[0-9a-f:]+\]?)(?P<port>:\d{1,5})?(?P<path>(/[\w.~-]+)*/?)",
     re.ASCII | re.IGNORECASE,
 )
-_DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
+_DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # browsers leave these out of the Origin header
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,10 @@ def against_best(cell: Sequence[Row]) -> tuple[str, str]:
 
 
 def means(rows: Sequence[Row]) -> LeagueTable:
-    """Return the mean and least completion of each policy over the cells of a group, which have equal weights."""
+    """Return a table with the mean and the lowest completion rate of each policy in each group of maps.
+
+    Every cell (a line-up of ghosts at one speed) counts equally. The table also names the cell of the lowest rate.
+    """
     texts = []
     for group, cells in groups_of(rows).items():
         for of_policy in zip(*cells, strict=True):

@@ -42,7 +42,7 @@ def jobs(setup: GameSetup) -> list[PreparationJob]:
 
 
 def map_mark(setup: GameSetup) -> Path | None:
-    """Return the file that exists once the map is prepared."""
+    """Return the file that exists once the map is prepared; None if the cache folder cannot be written."""
     return mark(f"warm-map-{load_map(setup.map).hash[:12]}-{setup.config().hash}")
 
 
