@@ -24,7 +24,7 @@ class Heart:
     _limit_s, _due_s = 0, 0.0
 
     def beat(self, limit_s: int = LIMIT_S) -> None:
-        """Send a beat if one is due: it promises the next within ``limit_s`` (at most 255). Only for the main thread."""
+        """Send a beat if due; it promises the next one within ``limit_s`` (at most 255). For the main thread only."""
         now_s = time.monotonic()
         if self.pipe is None or (limit_s == self._limit_s and now_s < self._due_s):
             return

@@ -166,7 +166,7 @@ class ClydeGhostNode(GameNode):
         self._show()
 
     def _steps_due(self, now: float) -> int:
-        """Return the steps due at ``now``, s: 1, or 2 to catch up after a late timer, so that ghosts keep their speed."""
+        """Return the steps due at ``now``, s: 1, or 2 to catch up after a late timer, so ghosts keep their speed."""
         period_s, last_s, self._stepped_s = self.config.clyde.update_period_s, self._stepped_s, now
         late_s = 0.0 if last_s is None else max(now - last_s - period_s, 0.0)
         self._owed_s = min(self._owed_s + late_s, _CATCH_UP_S)

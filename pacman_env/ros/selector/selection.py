@@ -63,9 +63,9 @@ class Selection:
 
     Message handlers return the actions to perform, and raise BadMessage; ``now`` is the node's time, s.
 
-    Without ``home``, the home is the robot's pose when it first leaves the menu, or leaves it after a person has set the
-    pose in the menu: AMCL has corrected a clicked pose by then. After a start in the middle of a game, the map's home is
-    used. Raises MapError, and the exceptions of ``make_policy`` and ``rehearse``.
+    Without ``home``, the home is the robot's pose when it first leaves the menu, or leaves it after a person has set
+    the pose in the menu: AMCL has corrected a clicked pose by then. After a start in the middle of a game, the map's
+    home is used. Raises MapError, and the exceptions of ``make_policy`` and ``rehearse``.
     """
 
     def __init__(
