@@ -17,7 +17,7 @@ _ANSWER_S = 5.0  # longest wait until a cluster answers
 
 
 class RayCluster(Executor):
-    """Run tasks on the cluster at ``address``, as ``ray start`` prints it; None: on a new one of this machine.
+    """Run tasks on the cluster at ``address`` (as ``ray start`` prints it); None: on a new cluster on this machine.
 
     Ray does a task again if its worker or machine is lost. Every worker must have the version and the sources of the
     command, and the files that tasks name, at the same paths.
@@ -32,9 +32,9 @@ class RayCluster(Executor):
         if address is not None:
             _check_that_it_answers(address)
             options["address"] = address
-        else:  # without "local" it would connect to a cluster that was started on this machine
+        else:  # without "local" Ray would connect to a cluster that runs on this machine
             options |= {"address": "local", "num_cpus": workers, "include_dashboard": False}
-            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # Ray's niceness: 15
+            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # by default 15
         with located(f"--ray {address or ''}", ConnectionError, (ConnectionError, RuntimeError, ValueError)):
             ray.init(**options)
         self._ray = ray
@@ -86,7 +86,7 @@ def _last_line(error: Exception) -> str:
 
 
 def _check_that_it_answers(address: str) -> None:
-    """Raise an error at once; Ray itself would try for minutes."""
+    """Raise ValueError for an invalid address, ConnectionError if no cluster answers; Ray would try for minutes."""
     host, colon, port = address.rpartition(":")
     if not colon or not port.isdigit():
         raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")

@@ -73,7 +73,7 @@ def add_process(processes: Processes, configuration: Configuration) -> Processes
 
 
 def reasons_of(message: Any) -> Mapping[str, str]:
-    """Return, by name of the nodes that do not respond to the referee, the reason."""
+    """Return the nodes that do not respond to the referee, as reasons by the node's name."""
     reasons = object_of(message, _LONGEST_REPORT)
     if not all(isinstance(reason, str) for reason in reasons.values()):
         raise BadMessage("reasons that are no text")

@@ -76,7 +76,7 @@ class Name:
 
     @property
     def url(self) -> str:
-        """Return the address of the page behind the proxy, or an empty string if no proxy was named."""
+        """Return the address of the page behind the proxy, or an empty string if there is no proxy."""
         return f"{self.origin}{self.path}/" if self.origin else ""
 
 
@@ -124,7 +124,7 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
 
 
 class AccessControl:
-    """Middleware that refuses requests. Accepted requests have ``access`` in their scope and no token."""
+    """Middleware that refuses requests. In accepted requests, ``access`` replaces the token in the scope."""
 
     def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log

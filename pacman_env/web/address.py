@@ -44,7 +44,7 @@ def with_token(url: str, token: str) -> str:
 
 
 def own_address(family: int = socket.AF_INET) -> str | None:
-    """Return the address by which others reach this machine, if there is one; nothing is sent."""
+    """Return the address by which other machines reach this one, or None; nothing is sent."""
     there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses reserved for documentation
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:

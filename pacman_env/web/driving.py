@@ -45,7 +45,7 @@ class Driving:
             self.goals[role] = _ghost_goal(number, goal, played)
 
     def sent(self, played: PlayedRound) -> dict[int, int | None]:
-        """Return the cells to which people send ghosts, by number, for ``Orders``."""
+        """Return the cell (or FOLLOW, or None) to which a person sends each played ghost, by the ghost's number."""
         playable = self.roles.ghosts().keys() & played.ghost_roles
         return {number: self.goals.get(ghost_role(number)) for number in playable}
 

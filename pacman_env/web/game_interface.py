@@ -20,7 +20,7 @@ class Refused(ValueError):
 
 @dataclass(frozen=True)
 class Scene:
-    """Data that stay the same from frame to frame."""
+    """Data of a game that change seldom, and are therefore not in every frame."""
 
     revision: int  # counts up from 1; frames refer to it
     facts: dict[str, Any] = field(default_factory=dict)  # JSON values (docs/dev/web_protocol.md, "scene")

@@ -35,7 +35,7 @@ _HIDDEN_TICKS = 6  # ticks, enough for the planner to plan and for goals to begi
 
 
 class Match:
-    """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
+    """A sequence of rounds. ``lock`` protects the shown state, but is released while a round is played or prepared."""
 
     def __init__(
         self,
@@ -207,7 +207,7 @@ class Match:
         return [dict(zip(("name", "state", "words", "remedy"), row, strict=True)) for row in rows]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round."""
+        """Prepare a new round in the menu, or the round of ``seed`` again. After Refused, the former round remains."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))

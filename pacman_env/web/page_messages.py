@@ -139,7 +139,7 @@ _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, Messa
 
 
 def parse(text: str | bytes) -> Message:
-    """Parse a message; raises ValueError, which tells the position, for invalid text."""
+    """Parse a message; raises ValueError with the place of the error if the text is invalid."""
     if len(text) > MOST_BYTES:
         raise ValueError(f"a message of {len(text)} bytes: at most {MOST_BYTES}")
     try:

@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
-    """Return the result of ``work`` from a daemon thread, which does not keep the process alive."""
+    """Run ``work`` in a daemon thread, which does not keep the process alive, and return the result."""
     result: Future[T] = Future()
     result.set_running_or_notify_cancel()
 

@@ -122,7 +122,7 @@ class Routes:
 
 
 async def _body(request: Request) -> bytes | None:
-    """Return the body, or None if it is too large; it is read to the end, so that the page receives the answer."""
+    """Return the body, or None if it is too large; the whole body is read, so that the page receives the answer."""
     body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)

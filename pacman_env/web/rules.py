@@ -83,7 +83,7 @@ class Choices:
         }
 
     def _preset(self, name: str) -> dict[str, Any]:
-        """Return the ghosts of a preset, and its settings that differ from their defaults."""
+        """Return the ghosts of a preset, and the preset's settings that differ from the defaults."""
         config = make_config(name)
         changed = {one.name: config.value(one.name) for one in self._settings if config.value(one.name) != one.value}
         return {"ghosts": config.clyde.ghosts, "settings": changed}

@@ -151,7 +151,10 @@ class SimulatedGame:
             answer.set_exception(error)
 
     def _ask(self, what: Callable[[], Any], waits: bool) -> Any:
-        """Run ``what`` in the game's thread between two ticks; with ``waits``, frames and STOP continue meanwhile."""
+        """Run ``what`` in the game's thread between two ticks, and return its result.
+
+        With ``waits``, frames and STOP continue while it runs.
+        """
         if self._closed:
             raise Refused("the simulated game has ended")
         answer: Future[Any] = Future()

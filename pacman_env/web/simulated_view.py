@@ -45,7 +45,7 @@ class TickClock:
         return self._changed_s + (1.0 - self._share) * self.tick_s / self.speed
 
     def share(self, real_s: float) -> float:
-        """How much of the last tick is over, 0 to 1."""
+        """Return the share of the last tick that is over (0 to 1) at the real time ``real_s``."""
         ran_s = 0.0 if self.is_held else max(real_s - self._changed_s, 0.0)
         return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
@@ -68,7 +68,7 @@ class TickClock:
 
 
 class FeedbackPlayer:
-    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real, s."""
+    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real time, s."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False

@@ -176,7 +176,7 @@ class Deliveries:
         self.drain()
 
     def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
-        """Return, by publisher of other members, the publications that the middleware sends to a new subscription."""
+        """Return for each publisher of other members the publications that a new subscription receives."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return []
         name = sub.topic_name

@@ -10,11 +10,7 @@ FAULTS: dict[str, tuple[str, ...]] = {
     "late_acceptance": ("seconds",),  # goals are accepted with this delay
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
     "pose_jump": ("x", "y", "heading"),  # m, m, rad: AMCL converges this far from the true pose
-    "kidnap": (
-        "x",
-        "y",
-        "heading",
-    ),  # m, m, rad in the map: the robot is moved there; until the end odometry and AMCL do not notice
+    "kidnap": ("x", "y", "heading"),  # m, m, rad in the map: moved there; odometry and AMCL do not notice until the end
     "wheels_slip": ("seconds",),  # the wheels turn, but the robot stands this long; AMCL does not notice until then
     "base_silent": (),  # only the lidar publishes, as after a stop of a TurtleBot 4's create3_republisher
     "clock_jump": ("seconds",),  # /clock and all stamps are ahead by this time (negative: behind)

@@ -81,7 +81,7 @@ class Doctor(ObserverNode):
         return dataclasses.replace(self._observed, now=now, nodes=nodes, publishers=publishers, subscribers=subscribers)
 
     def _moment(self, wall_s: float) -> CheckTime:
-        """Return a past moment, ``wall_s`` by this machine's clock, by all clocks."""
+        """Return the present or past moment ``wall_s`` (s, this machine's wall clock) by all clocks."""
         clock, age_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
         return CheckTime(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
 

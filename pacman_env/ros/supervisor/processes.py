@@ -45,7 +45,7 @@ class GroupMember:
     deaths: list[float] = field(default_factory=list)
     started_s: float = 0.0
     restarts: list[float] = field(default_factory=list)  # times of restarts for lack of a response, s
-    left_alone: bool = False  # True: restarted too often, so no longer
+    left_alone: bool = False  # True: no more restarts, because there were too many
     ended_by_us: bool = False  # True: killed for a restart, which was already reported
     heartbeat: Listener = field(default_factory=Listener)
 
@@ -58,7 +58,7 @@ class GroupMember:
 
 @dataclass
 class ProcessGroup:
-    command: Callable[[str], Sequence[str]]  # returns the module and arguments of a process by name
+    command: Callable[[str], Sequence[str]]  # called with a name: returns the module and its arguments
     logs: Path  # folder with one file for the output of each process
     environment: dict[str, str]
     report: Callable[[str], None]  # called with a line for each event
@@ -94,9 +94,7 @@ class ProcessGroup:
         with contextlib.suppress(OSError), path.open("rb") as log:
             log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
             lines = [line.rstrip() for line in log.read().decode(errors="replace").splitlines()]
-            lines = [
-                line for line in lines if line[:1].strip() and not line.endswith(":")
-            ]  # without the lines of a traceback
+            lines = [line for line in lines if line[:1].strip() and not line.endswith(":")]  # no lines of a traceback
             if lines and (what.search(lines[-1]) if what else not _NO_REASON.search(lines[-1])):
                 return f"{lines[-1]} ({path})"
         return ""
@@ -227,10 +225,11 @@ def end(
     frozen: Callable[[], list[str]] = list,
     meanwhile: Callable[[], object] = lambda: None,
 ) -> list[str]:
-    """Terminate processes together; kill frozen processes, and all that run after ``patience_s``; return the killed.
+    """Terminate processes together, and return the names of the processes that had to be killed.
 
-    The result and ``frozen()`` are names of processes. ``waiting`` is called with all names, and with the names of the
-    running processes whenever a process has ended. ``meanwhile`` is called once, after the first call of ``waiting``.
+    A process is killed if ``frozen()`` lists its name, or if it still runs after ``patience_s``. ``waiting`` is called
+    with all names, and with the names of the running processes whenever a process has ended. ``meanwhile`` is called
+    once, after the first call of ``waiting``.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():

@@ -98,7 +98,7 @@ class StatusLine(ObserverNode):
 
     @property
     def unresponsive(self) -> dict[str, str] | None:
-        """By name of each node that does not respond to the referee, or does not report any more, the reason.
+        """Reasons by node's name: why a node does not respond to the referee, or that it no longer reports.
 
         None while it is unknown whether the goal selector reports: its only diagnostics may be an old, latched message.
         """

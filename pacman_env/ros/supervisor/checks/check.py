@@ -168,7 +168,7 @@ class Observations:
         return "some bases publish it rarely: listen for longer, --wait 60", ""
 
     def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
-        """Return a BAD finding that more time may change; for a simulated robot, the remedy is to start it."""
+        """Return a BAD finding that more time may change; for a simulated robot, its own remedy replaces ``remedy``."""
         if self.virtual:
             of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
             remedy, command = _NAV2_LOG if of_nav2 else RESTART_GAME, self.start_game
