@@ -34,7 +34,7 @@ class RayCluster(Executor):
             options["address"] = address
         else:  # without "local" Ray would connect to a cluster that runs on this machine
             options |= {"address": "local", "num_cpus": workers, "include_dashboard": False}
-            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # by default 15
+            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # Ray's default: 15
         with located(f"--ray {address or ''}", ConnectionError, (ConnectionError, RuntimeError, ValueError)):
             ray.init(**options)
         self._ray = ray

@@ -88,7 +88,7 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
     if TRANSPORTS in environment or "ransport" in profiles:
         return
     environment[TRANSPORTS] = "UDPv4"
-    if not files:  # ROS adds shared memory if LOCALHOST is set; this profile leaves it without a port
+    if not files:  # with LOCALHOST, ROS adds shared memory; with this profile it has no port
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 

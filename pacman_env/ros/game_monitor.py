@@ -126,7 +126,7 @@ class GameMonitor:
     pellets_collected: int | None = None
     pellets_spawned: int | None = None
     ghosts_caught: int | None = None  # in this round; None in a game without power pellets
-    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))  # (G, 2), also: away until
+    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))  # (G, 2) and away until
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
     unresponsive: Mapping[str, str] = field(default_factory=dict)  # by node: why it does not respond, from the referee
@@ -136,7 +136,7 @@ class GameMonitor:
     pose: Stamped | None = None  # the last ``amcl_pose``
     ghosts: dict[int, Stamped] = field(default_factory=dict)
     began_s: float = 0.0  # time of the first message of the last round
-    processes: Processes = field(default_factory=dict)  # processes by node; a restarted node has several
+    processes: Processes = field(default_factory=dict)  # of all nodes; a restarted node has several processes
     invalid: dict[str, str] = field(default_factory=dict)  # by name of a value: why its last message was refused
 
     @property

@@ -22,7 +22,7 @@ REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 COMPOSED = "composed_nodes"  # the process that hosts the nodes of GAME
 NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
-NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # values of ``nav2``: its launch file; a person starts it
+NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # values of ``nav2``: Nav2's launch file; start by hand
 PAGE = "operator_page"  # optional; not a node of the game
 
 #: What follows the end of a process. RESTARTED: a restart. SPARE: a restart, or none if restarts do not help.
@@ -83,7 +83,7 @@ class GameSetup:
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
     home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: the robot's pose in the menu
-    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # more parameters by node
+    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: more parameters
     web: int | None = None  # the operator's page on this port of this machine
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
     seed: int = 0  # random seed of a lock-step game

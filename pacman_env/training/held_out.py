@@ -99,7 +99,7 @@ class HeldOut:
         return np.concatenate([*self._executor.map(_completed, tasks), np.zeros(0, dtype=np.bool_)])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
-        """Return the completion rate over all rounds, and by line-up, from the mask (E,); 0 if there are no rounds."""
+        """Return the completion rates in the mask (E,): over all rounds, and by line-up (0 if there are no rounds)."""
         if len(self.seeds) == 0:
             return 0.0, dict.fromkeys(self.rows, 0.0)
         return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}

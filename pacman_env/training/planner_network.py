@@ -38,7 +38,7 @@ class PackedSituations(NamedTuple):
     counts: torch.Tensor  # (B,) number of allowed candidates
 
     def of(self, rows: torch.Tensor | slice) -> PackedSituations:
-        """Return the situations ``rows``, with only as many candidates as their largest situation has allowed ones."""
+        """Return the situations ``rows``, without candidates beyond the largest number of allowed candidates."""
         counts = self.counts[rows]
         most = max(int(counts.max()), 1)
         return PackedSituations(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)

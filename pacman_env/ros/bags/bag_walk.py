@@ -72,7 +72,8 @@ class Walk:
     def run(self) -> None:
         """Read the bag and report its events to the follower.
 
-        The decisions are the recorded ones of the goal selector; in a bag without scores, one is due every tick.
+        The decisions are the recorded decisions of the goal selector. In a bag without scores, a decision is due every
+        tick.
         """
         for recorded in self._bag.messages(_READ):
             self._decisions_before(recorded)

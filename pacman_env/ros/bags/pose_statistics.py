@@ -16,7 +16,7 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.world.navigation.localization import Pose, compose, relative
 
 DRIVING_MPS = 0.05  # a slower robot stands
-STANDING_S = 5.0  # a longer pause between poses is no cadence: AMCL is silent while the robot stands
+STANDING_S = 5.0  # longer intervals between poses do not count: AMCL is silent while the robot stands
 MOST_S = 300.0  # longest simulated game
 _PERIOD_S = 0.1  # period of the lidar, the shortest time between poses
 #: Compared quantities with their units.

@@ -49,7 +49,7 @@ class SimulatedWall:
 
 
 class LockStepSurroundings(Surroundings):
-    """Surroundings of the ``number``-th started node; ``alone``: nodes discover no other process."""
+    """Surroundings of the ``number``-th started node; ``alone``: the nodes of its process discover no other process."""
 
     lock_step = True
 

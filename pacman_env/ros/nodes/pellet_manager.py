@@ -11,7 +11,7 @@ from ..message_conversion import markers_of
 from ..node import GameNode, run
 
 NAME = "pellet_manager"
-_PERIOD_S = 1.0  # original
+_PERIOD_S = 1.0  # as in the original
 
 
 class PelletManager(GameNode):

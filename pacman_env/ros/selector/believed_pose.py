@@ -11,7 +11,7 @@ from pacman_env.ros.message_conversion import BadMessage, Pose, pose_of, seconds
 from pacman_env.world.navigation.localization import compose, wrap
 
 BASE, MAP, ODOM = "base_link", "map", "odom"
-_BETWEEN = frozenset({BASE, "base_footprint", ODOM})  # only transforms to these frames are used
+_BETWEEN = frozenset({BASE, "base_footprint", ODOM})  # child frames of the transforms that are used
 _MOTION_S = 0.1  # shortest time over which velocities are measured
 _SET_BACK_S = 1.0  # odometry stamps that jump back farther mean a restart of the robot
 

@@ -104,7 +104,7 @@ class PoseWatch:
         )
 
     def _agrees_with_given(self, chain: Chain) -> bool:
-        """Return True if the pose is where odometry has moved the pose that a person set."""
+        """Return True if the pose agrees with the pose that a person set, moved by odometry since then."""
         if self._given is None:
             return False
         pose, travelled = self._given

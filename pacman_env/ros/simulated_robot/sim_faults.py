@@ -1,8 +1,8 @@
-"""Parse faults of the simulated robot: ``abort 2.0`` begins one, ``end abort`` ends it, ``end`` ends all."""
+"""Parse faults of the simulated robot: ``abort 2.0`` begins a fault, ``end abort`` ends it, ``end`` ends all faults."""
 
 import math
 
-#: Each fault and the names of its numbers.
+#: By fault: the names of its numbers.
 FAULTS: dict[str, tuple[str, ...]] = {
     "reject": (),  # all goals are rejected
     "abort": ("seconds",),  # all goals are aborted this time after their acceptance

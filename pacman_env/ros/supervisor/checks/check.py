@@ -210,7 +210,7 @@ class Observations:
 class Check:
     name: str
     question: str
-    answer: Callable[[Observations], Finding | None]  # None if the question does not apply
+    answer: Callable[[Observations], Finding | None]  # returns None if the question does not apply
     sources: tuple[Source[Any] | Request[Any], ...] = ()
     needs_robot: bool = True  # False: also answered without a robot
 

@@ -62,7 +62,8 @@ def _check_namespace(robot: Observations) -> Finding:
     if not robot.nodes:
         return Finding.unknown(summary, settled=False)
     ends = [topic.rpartition("/") for topic, nodes in robot.publishers.items() if nodes]
-    robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}  # _: of a Create 3
+    # Names with "/_" belong to topics within a Create 3.
+    robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}
     others = sorted(robots or {name.rpartition("/")[0] or "/" for name in robot.nodes})
     nearest = others[0].strip("/") or "/"
     remedy = f"did you mean --namespace {nearest}? If not, set the robot's in turtlebot4-setup"
