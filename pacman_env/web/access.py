@@ -1,7 +1,7 @@
 """Accept or refuse requests by their token, Host and Origin.
 
 On a loopback address no token is needed: anyone with an account on this machine may play. The danger there is a page of
-another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
+another site in the same browser. Host (if a foreign name was made to resolve to this machine) and Origin reveal it.
 """
 
 from __future__ import annotations

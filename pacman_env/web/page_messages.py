@@ -84,7 +84,7 @@ class Role(Message, frozen=True):
 
 
 class Goal(Message, frozen=True):
-    """A goal for the sender's role: a candidate (-1: hold), a place, or for a ghost the robot."""
+    """A goal for the sender's role: a candidate (-1: hold), a place, or the robot (for a ghost)."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
     follow: bool = False  # follow the robot
@@ -93,7 +93,7 @@ class Goal(Message, frozen=True):
 
 
 class Drive(Message, frozen=True):
-    """Velocity command, m/s and rad/s; the robot stops 0.5 s after the last one."""
+    """Velocity command, m/s and rad/s; the robot stops 0.5 s after the last command."""
 
     v: Annotated[float, Meta(ge=-10, le=10)]
     omega: Annotated[float, Meta(ge=-10, le=10)]

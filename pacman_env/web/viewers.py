@@ -48,7 +48,7 @@ class Outbox:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
-        """Replace everything that waits by a last message ``bye`` with these words."""
+        """Replace all waiting texts and frames by a last message ``bye`` with these words."""
         if not self.why_ended:
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
