@@ -126,7 +126,8 @@ class GameMonitor:
     pellets_collected: int | None = None
     pellets_spawned: int | None = None
     ghosts_caught: int | None = None  # in this round; None in a game without power pellets
-    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))  # (G, 2) and away until
+    #: (G, 2) ROS times, s: until when each ghost is harmless, and until when it is away.
+    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
     unresponsive: Mapping[str, str] = field(default_factory=dict)  # by node: why it does not respond, from the referee

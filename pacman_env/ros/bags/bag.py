@@ -137,7 +137,7 @@ def unfinished_folder(bag: Path) -> Path:
 
 
 def unfinished(path: Path) -> Path | None:
-    """Return the folder of an unfinished bag: its recorder will rename it to ``path``, or it contains ``path``.
+    """Return the folder of an unfinished bag: its recorder will rename it to ``path``, or it is or contains ``path``.
 
     Return None if there is no such folder.
     """

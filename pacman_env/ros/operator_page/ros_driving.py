@@ -206,7 +206,11 @@ class RosDriving:
             self.require_not_stopped()
 
     def show(self, what: str, word: str) -> None:
-        """Show a light or a sound. An event is sent to the game if events may move the robot, otherwise only shown."""
+        """Show a light, a sound, or an event.
+
+        An event is sent to the game only if it moves the robot and a person has switched Armed on. Otherwise only the
+        event's light and sound are shown. Raises Refused if the event would move a robot that drives or is stopped.
+        """
         if what != "event":
             self._publish(what, word)
             return
