@@ -71,7 +71,7 @@ class _GroupedParser(Parser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="replace")  # file names need not be text
+        sys.stdout.reconfigure(errors="replace")  # a file name may contain bytes that are no text
     return guarded("pacman-env", lambda: _main(sys.argv[1:] if argv is None else argv))
 
 

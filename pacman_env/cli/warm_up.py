@@ -17,7 +17,7 @@ _STEPS = 12
 _SHORT = {"time_limit_s": 4.0}  # short, so that rounds end and start
 _EVENTFUL = {
     **_SHORT,
-    "execution.pickup_radius_m": 30.0,  # rounds are complete at once and followed by others
+    "execution.pickup_radius_m": 30.0,  # rounds are complete at once, and the next ones start
     "nav2.abort_rate": 1.0,  # goals are aborted
     "randomize.speed_mps": (0.2, 0.3),
 }
@@ -73,7 +73,7 @@ def _prepare_houses(count: int) -> None:
 
 
 def _compiler() -> str:
-    """Return a hash of what Numba's cache distinguishes: versions and the processor."""
+    """Return a hash of everything that separates entries of Numba's cache: versions and the processor."""
     import numba
     from numba.core.registry import cpu_target
 
@@ -91,7 +91,7 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
     env: Any
     for env in games:
         env.reset(seed=0)
-        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # like for a robot near a wall
+        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as for a robot near a wall
         env.action_space.seed(0)
         for _ in range(_STEPS):
             drives = arguments.get("action") == "velocity"

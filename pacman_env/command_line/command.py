@@ -19,7 +19,7 @@ from pacman_env.files import install_command, reason
 from pacman_env.plugins import suggest
 
 T = TypeVar("T", int, float)
-EXTRAS = "docs/machines.md"  # lists the extras
+EXTRAS = "docs/machines.md"  # file with a list of the extras
 #: Extra that provides a module, if it may differ from the command's extra.
 EXTRA_OF = {
     **dict.fromkeys(("rclpy", "rosbags", "mcap"), "ros"),
@@ -40,12 +40,12 @@ class Parser(argparse.ArgumentParser):
     """A parser that reports bad arguments in one line on stderr and removes code markup from descriptions."""
 
     def __init__(self, **options: Any) -> None:
-        if options.get("description"):  # often a docstring
+        if options.get("description"):  # often a docstring with markup
             options["description"] = _MARKS.sub(r"\1", options["description"]).replace("``", "")
         with uninterrupted():  # argparse may import modules here, and a Ctrl-C could be lost
             super().__init__(**options)
         self.register("type", Path, _path)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse treats -5. and -1e3 as options
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # by default argparse takes -5. and -1e3 for options
 
     def format_help(self) -> str:
         """Append the command's examples to the help."""
@@ -54,7 +54,7 @@ class Parser(argparse.ArgumentParser):
         return f"{text}\nexamples:\n{render(examples)}\n" if examples else text
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Suggest the nearest choice, like argparse since Python 3.14."""
+        """Refuse a wrong choice and suggest the nearest one, like argparse since Python 3.14."""
         if action.choices is not None and value not in action.choices:
             choices = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(action, f"invalid choice: {value!r}: {suggest(str(value), choices)}")
@@ -84,14 +84,14 @@ def guarded(prog: str, work: Callable[[], int | None], extra: str = "eval") -> i
     """Run ``work`` and return its exit status; after an error, print one line and return 2 (Ctrl-C: 130)."""
     try:
         status = work() or 0
-        sys.stdout.flush()  # at the end of the interpreter nothing would report a failure
+        sys.stdout.flush()  # now, because a failure at the interpreter's end would not be reported
         return status
     except (KeyboardInterrupt, SystemError) as error:  # Numba turns Ctrl-C in compiled code into a SystemError
         if not any(isinstance(one, KeyboardInterrupt) for one in (error, error.__cause__)):
             raise
         print(f"{prog}: stopped", file=sys.stderr)
         return STOPPED_STATUS
-    except BrokenPipeError:  # the reader of the output has closed it
+    except BrokenPipeError:  # the program that reads the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
     except ModuleNotFoundError as error:

@@ -5,7 +5,7 @@ import textwrap
 from pacman_env.files import install_command
 
 PROG = "pacman-env"
-_ROOM = 50  # characters
+_ROOM = 50  # longest example, in characters, on one line with its purpose
 Example = tuple[str, str]  # arguments of ``pacman-env``, and their purpose
 
 #: First steps: arguments, purpose and the required extra.

@@ -11,7 +11,7 @@ from .command import finite_number, whole_number
 _OPTIONS: dict[str, dict[str, Any]] = {
     "--map": {"default": "house", "metavar": "FILE_OR_NAME", "help": "map: a name, or a file or its folder"},
     "--policy": {"default": "ppo", "help": "policy: a name, an .onnx file or MODULE:CLASS"},
-    "--preset": {"default": "robot", "metavar": "NAME"},  # its help lists the registered presets
+    "--preset": {"default": "robot", "metavar": "NAME"},  # help: the registered presets
     "--set": {
         "action": "append",
         "default": [],

@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser, default: Any) -> None:
             add_options(parser, value)
             continue
         shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
-        if isinstance(value, Path) and value.is_absolute():  # a file in the package: show its name only
+        if isinstance(value, Path) and value.is_absolute():  # a file of the package: show only its name
             shown = value.name
         text = f"{texts.get(name, '')} ({shown})".lstrip().replace("%", "%%").replace("``", "")
         parser.add_argument(f"--{name.replace('_', '-')}", default=value, help=text, **_kind(hints[name]))
@@ -59,7 +59,7 @@ def _values(default: Any) -> dict[str, Any]:
 
 
 def _kind(hint: Any) -> dict[str, Any]:
-    """Return the arguments of ``add_argument`` for a value of this type."""
+    """Return the arguments of ``add_argument`` for a field with the type ``hint``."""
     if hint is bool:
         return {"action": argparse.BooleanOptionalAction}
     if typing.get_origin(hint) is types.UnionType:

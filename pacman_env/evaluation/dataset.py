@@ -58,7 +58,7 @@ class Recording:
 
     policy: str  # a name or a file
     env_id: str
-    arguments: dict[str, Any]  # of the environment, in addition to the id
+    arguments: dict[str, Any]  # arguments of the environment
     seeds: NDArray[np.uint64]  # (E,)
 
 
@@ -69,11 +69,11 @@ class Round:
     buffer: EpisodeBuffer
     level: int  # 0 if there is one map
     outcome: str
-    unlisted: int  # choices without an action, for which hold was played
+    unlisted: int  # choices that the action space lacks; hold was played instead
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """Return the metadata of the episode in addition to Minari's."""
+        """Return the metadata that the episode has in addition to Minari's."""
         return {"level": self.level, "outcome": self.outcome, "unlisted": self.unlisted}
 
 
@@ -108,7 +108,7 @@ def make_parser() -> Parser:
 def tasks_of(policy: str, env: gym.Env[Any, Any], env_id: str, named: dict[str, Any], seeds: Any) -> list[Recording]:
     """Return the tasks in the order of the data set; rounds of a level are adjacent, so that its map is prepared once.
 
-    Raises ConfigError for velocity actions, or the error of creating the policy.
+    Raises ConfigError for velocity actions, and an error if the policy cannot be created.
     """
     load_policy(policy)
     game: Any = env.unwrapped
@@ -139,12 +139,12 @@ def _collected(task: Recording) -> list[Round]:
 
 
 def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
-    """Play a round, and return its level, its outcome and the number of unlisted choices."""
+    """Play a round; return its level, its outcome, and the number of choices that the action space lacks."""
     env.reset(seed=0, options={"round_seed": seed})
     game = env.unwrapped
     reset(policy, np.ones(1, dtype=np.bool_), game.config)
     over, unlisted = False, 0
-    while not over and game.batch.games["round"][0] <= MOST_ROUNDS:  # a longer game is truncated by the collector
+    while not over and game.batch.games["round"][0] <= MOST_ROUNDS:  # the collector truncates a longer game
         chosen = choose(policy, game.situation)
         action = int(game.action_of(chosen)[0])
         unlisted += action == len(game.action_masks()) - 1 and int(chosen[0]) != game.batch.hold
@@ -156,7 +156,7 @@ def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
 
 
 class _MaskInInfos(minari.StepDataCallback):
-    """Keeps of the infos the duration of a decision, and adds the action mask if it is not in the observation."""
+    """Reduces each info to the decision's duration, and adds the action mask if the observation does not contain it."""
 
     def __call__(self, env: gym.Env[Any, Any], **step: Any) -> Any:
         data: Any = super().__call__(env, **step)
@@ -182,7 +182,7 @@ def _minari_in(folder: str) -> Iterator[None]:
 
 
 def recorded(tasks: Sequence[Recording], executor: Executor) -> Iterator[list[Round]]:
-    """Yield the rounds of all tasks in order, whatever the executor; raises the first error."""
+    """Yield the rounds of each task in the order of the tasks, for any executor; raises the first error."""
     early: dict[int, list[Round]] = {}
     number = 0
     with contextlib.closing(executor.run(record, tasks)) as ends:
@@ -199,7 +199,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     env = gym.make(env_id, disable_env_checker=True, **named)
     seeds = episode_seeds(arguments.seed, arguments.episodes) % np.uint64(SEEDS)
     tasks = tasks_of(arguments.policy, env, env_id, named, seeds)
-    # All is written in a hidden folder, which is renamed at the end.
+    # Everything is written in a hidden folder, which is renamed at the end.
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
         with executor_of(arguments) as executor, bar_of(executor, arguments.episodes, "round") as bar:
             dataset, notes = None, list[dict[str, Any]]()
@@ -251,7 +251,7 @@ def _is_dataset_id(name: str) -> bool:
 
 
 def _environment(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
-    """Return the environment's whole id and the arguments given in addition, as Gymnasium takes them."""
+    """Return the complete id of the environment, and the given arguments for ``gymnasium.make``."""
     env_id = arguments.id if arguments.id.startswith(_PREFIX) else _PREFIX + arguments.id
     if env_id not in IDS:
         names = [one.removeprefix(_PREFIX) for one in IDS]
@@ -263,13 +263,13 @@ def _environment(arguments: argparse.Namespace) -> tuple[str, dict[str, Any]]:
 
 
 def _facts(arguments: argparse.Namespace, given: Sequence[str], env: Any) -> dict[str, Any]:
-    executors = argparse.ArgumentParser(add_help=False)  # its options do not affect the content
+    executors = argparse.ArgumentParser(add_help=False)  # options of executors do not affect the content
     executors.add_argument("--root")
     add_executor_arguments(executors)
     return {
         "command": shlex.join(["pacman-env", "dataset", *executors.parse_known_args(given)[1]]),
         "seed": arguments.seed,
-        "map_hash": env.unwrapped.batch.source.first.occupancy.hash,  # of the first level if levels are generated
+        "map_hash": env.unwrapped.batch.source.first.occupancy.hash,  # of the first level, if levels are generated
         "version": __version__,
         "sources": package_hash(),
         "commit": commit(),

@@ -41,10 +41,10 @@ Frame = NDArray[np.uint8]  # (height, W, 3) RGB
 
 
 class Change(NamedTuple):
-    when: str  # time since the start of the round; with the round's number in an endless game
+    when: str  # time since the start of the round, in an endless game with the round's number
     goal: str
     why: str
-    film_s: float = 0.0  # when the film shows it
+    film_s: float = 0.0  # time in the film, s
 
 
 class RecordedGame:
@@ -54,7 +54,7 @@ class RecordedGame:
         self._batch, self._ghosts = open_games(source, config)
         self._policy = scenarios.load_policy(spec)
         self._last = LastDecision(config)
-        self._chosen = -1  # no choice so far
+        self._chosen = -1  # -1: no choice so far
         self._before_s = 0.0
         self._batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         self._reset_policies()
@@ -66,7 +66,7 @@ class RecordedGame:
 
     @property
     def level(self) -> int:
-        """Return the number of the level, 0 if there is one map."""
+        """Return the number of the level; 0 if the scenario is a single map."""
         return int(self._batch.level_numbers()[0])
 
     def step(self) -> None:
@@ -92,7 +92,7 @@ class RecordedGame:
     def _decide(self, moment: Moment) -> None:
         batch = self._batch
         situation = batch.situation()
-        terms = self._policy.explain(situation)[0]  # explain() must come before choose(), which changes the state
+        terms = self._policy.explain(situation)[0]  # before the choice, which changes the policy's state
         selected = choose(self._policy, situation)
         choice = int(allowed(situation, selected, batch.hold)[0])
         if choice != self._chosen:
@@ -141,13 +141,13 @@ def film(games: Sequence[RecordedGame], height: int, theme: Theme = "light") -> 
 def record_games(
     scenario: Scenario, config: Config, policies: Mapping[str, str], seed: int | np.uint64
 ) -> list[RecordedGame]:
-    """Return the same round for each of the policies, which map specs to names."""
+    """Return the same round for each policy; ``policies`` contains the name of each spec."""
     source = scenarios.open_scenario(scenario, config)
     return [RecordedGame(source, config, spec, np.uint64(seed), name) for spec, name in policies.items()]
 
 
 def first_frame(games: Sequence[RecordedGame], height: int = 480, theme: Theme = "light") -> bytes:
-    """Return a PNG of the games as they stand, for example as the poster of a film that is recorded afterwards."""
+    """Return a PNG of the games in their present state, for example as the poster of a film that follows."""
     import imageio.v3 as imageio
 
     frame = np.hstack([game.picture(height, theme) for game in games])
@@ -159,7 +159,10 @@ def film_games(games: Sequence[RecordedGame], path: Path, height: int = 480, the
 
 
 def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
-    """Write frames, ``tick_s`` apart and with even sides, as .mp4 or .gif, sped up by ``SPEED_UP``."""
+    """Write frames as .mp4 or .gif; a frame shows ``tick_s`` of the game, and the film is ``SPEED_UP`` times as fast.
+
+    Height and width of the frames should be even.
+    """
     import imageio.v2 as imageio
 
     fps = SPEED_UP / tick_s
@@ -184,7 +187,7 @@ def save_video(frames: Iterator[Frame], path: Path, tick_s: float) -> None:
 
 
 def _can_be_read(film: Path) -> bool:
-    """Return True if ffmpeg can read the film to its end: the writer ignores ffmpeg's exit status."""
+    """Return True if ffmpeg can read the whole film; needed because the writer ignores ffmpeg's exit status."""
     from imageio_ffmpeg import get_ffmpeg_exe
 
     read = [get_ffmpeg_exe(), "-v", "error", "-i", str(film), "-c", "copy", "-f", "null", "-"]
@@ -194,7 +197,7 @@ def _can_be_read(film: Path) -> bool:
 def _reason(
     situation: Situation, terms: list[dict[str, Any]], choice: int, before: int, alive: NDArray[np.bool_]
 ) -> str:
-    """Explain, from the policy's terms, why ``choice`` replaced the candidate ``before`` (-1: none)."""
+    """Explain by the policy's terms why the candidate ``choice`` replaced the candidate ``before`` (-1: none)."""
     mask = situation.mask[0]
     reasons = []
     other, called = -1, ""

@@ -15,12 +15,12 @@ from pacman_env.engine.cores import cores
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-#: How often a task is done again after its worker was lost.
+#: Largest number of repetitions of a task whose worker was lost.
 MOST_LOSSES = 5
 
 
 class TaskFailed(ChildProcessError):
-    """A task failed with an error that other processes cannot raise, or lost its worker too often."""
+    """Raised if a task fails with an error that pickle cannot restore, or loses its worker too often."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Done(Generic[Result]):
 
     number: int  # index of the task
     value: Result | None = None
-    error: Exception | None = None  # its exception, or TaskFailed
+    error: Exception | None = None  # the exception of the task, or TaskFailed
 
     def result(self) -> Result:
         """Return the value of the task, or raise its error."""
@@ -95,7 +95,10 @@ class InProcess(Executor):
 
 
 def attempt(function: Callable[[Task], Result], number: int, task: Task) -> Done[Result]:
-    """Do a task; an exception that pickle cannot restore becomes a TaskFailed with its type and text."""
+    """Do a task, and return its value or its exception.
+
+    If pickle cannot restore the exception, it is replaced by a TaskFailed with its type and text.
+    """
     try:
         return Done(number, function(task))
     except Exception as error:
@@ -105,7 +108,7 @@ def attempt(function: Callable[[Task], Result], number: int, task: Task) -> Done
 def _survives(error: Exception) -> bool:
     try:
         copy = pickle.loads(pickle.dumps(error))
-    except Exception:  # its own code is called, and may fail anywhere
+    except Exception:  # pickle calls the code of the exception, which may fail anywhere
         return False
     return type(copy) is type(error) and str(copy) == str(error)
 
@@ -140,7 +143,7 @@ def bar_of(executor: Executor, total: int, unit: str) -> Iterator[Any]:
     """Yield a tqdm bar of ``total`` units, which also shows the number of workers."""
     from tqdm import tqdm
 
-    with warnings.catch_warnings(action="ignore"):  # asks notebooks for ipywidgets, which this bar does not use
+    with warnings.catch_warnings(action="ignore"):  # in notebooks tqdm warns that ipywidgets are missing
         from tqdm.contrib.logging import logging_redirect_tqdm
 
     workers = {"workers": executor.workers}

@@ -27,14 +27,14 @@ def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the arguments without the executor's options, which do not affect results."""
+    """Return the arguments except ``--workers`` and ``--ray``, which do not affect results."""
     return {name: value for name, value in vars(arguments).items() if name not in _OPTIONS}
 
 
 def executor_of(arguments: argparse.Namespace) -> Executor:
     """Create the executor, which the caller must close.
 
-    Raises ModuleNotFoundError if Ray is required but not installed, and ConnectionError if no cluster answers.
+    Raises ModuleNotFoundError if ``--ray`` is given but Ray is not installed, ConnectionError if no cluster answers.
     """
     if arguments.ray is None:
         return local(arguments.workers)

@@ -17,7 +17,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class LocalProcesses(Executor):
-    """Run tasks in a pool of processes, at most one for each process at a time."""
+    """Run tasks in a pool of processes; each process runs at most one task at a time."""
 
     def __init__(self, workers: int) -> None:
         super().__init__(workers)
@@ -51,7 +51,7 @@ class LocalProcesses(Executor):
                 self._terminate()
 
     def _width(self, losses: Counter[int], *numbers: int) -> int:
-        """Return how many of these tasks may run together: a task that was lost twice runs alone, to find the cause."""
+        """Return how many tasks may run at once: 1 if a task of ``numbers`` was lost twice, to find the cause."""
         return 1 if any(losses[number] > 1 for number in numbers) else self.workers
 
     def _submit(self, function: Callable[[Task], Result], number: int, task: Task) -> Future[Done[Result]]:
@@ -63,13 +63,13 @@ class LocalProcesses(Executor):
 
     def _terminate(self) -> None:
         """End the processes with their tasks, and create a new pool, which starts processes when it gets tasks."""
-        for process in list((self._pool._processes or {}).values()):  # Python 3.14 has terminate_workers
+        for process in list((self._pool._processes or {}).values()):  # from Python 3.14 on: terminate_workers
             process.kill()
         self.close()
         self._pool = self._new_pool()
 
     def _new_pool(self) -> ProcessPoolExecutor:
-        # spawn: a forked child would share the locks of threads that it does not have
+        # not fork: a child would inherit locks of threads that it does not have
         spawn = multiprocessing.get_context("spawn")
         return ProcessPoolExecutor(self.workers, spawn, _begin, (os.getpid(),))
 
@@ -78,6 +78,6 @@ class LocalProcesses(Executor):
 
 
 def _begin(parent: int) -> None:
-    """Leave Ctrl-C to the command, which ends its processes, and end with the command."""
+    """Prepare a worker: it ignores Ctrl-C, which the command handles, and ends when the process ``parent`` ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with(parent)

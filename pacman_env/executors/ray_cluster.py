@@ -13,11 +13,11 @@ from pacman_env.engine.cache_folder import package_hash
 
 from .executor import MOST_LOSSES, Done, Executor, Result, Task, TaskFailed, attempt
 
-_ANSWER_S = 5.0  # within which a cluster answers
+_ANSWER_S = 5.0  # longest wait until a cluster answers
 
 
 class RayCluster(Executor):
-    """Run tasks on the cluster at ``address``, as ``ray start`` prints it; None: on a new one of this machine.
+    """Run tasks on the cluster at ``address`` (as ``ray start`` prints it); None: on a new cluster on this machine.
 
     Ray does a task again if its worker or machine is lost. Every worker must have the version and the sources of the
     command, and the files that tasks name, at the same paths.
@@ -32,9 +32,9 @@ class RayCluster(Executor):
         if address is not None:
             _check_that_it_answers(address)
             options["address"] = address
-        else:  # without "local" it would connect to a cluster that was started on this machine
+        else:  # without "local" Ray would connect to a cluster that runs on this machine
             options |= {"address": "local", "num_cpus": workers, "include_dashboard": False}
-            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # Ray's niceness: 15
+            options |= {"_node_ip_address": "127.0.0.1", "_system_config": {"worker_niceness": 0}}  # Ray's default: 15
         with located(f"--ray {address or ''}", ConnectionError, (ConnectionError, RuntimeError, ValueError)):
             ray.init(**options)
         self._ray = ray
@@ -68,7 +68,11 @@ class RayCluster(Executor):
 
 
 def _attempt(function: Callable[[Any], Any], number: int, task: Any, version: str, sources: str, folder: str) -> Any:
-    """Do a task in the folder of the command, so that relative paths name the same files."""
+    """Do a task on a worker, in the folder where the user ran the command (if the worker has this folder).
+
+    Relative paths then name the same files as for the user. Raises RuntimeError if the worker's version of the package
+    differs from ``version``, or the hash of its sources from ``sources``: both are the user's.
+    """
     if (__version__, package_hash()) != (version, sources):
         own = f"worker on {socket.gethostname()}: pacman_env {__version__}, sources {package_hash()}"
         raise RuntimeError(f"{own}; the command has {version}, sources {sources}: install the same")
@@ -82,7 +86,7 @@ def _last_line(error: Exception) -> str:
 
 
 def _check_that_it_answers(address: str) -> None:
-    """Raise an error at once; Ray itself would try for minutes."""
+    """Raise ValueError for an invalid address, ConnectionError if no cluster answers; Ray would try for minutes."""
     host, colon, port = address.rpartition(":")
     if not colon or not port.isdigit():
         raise ValueError(f"--ray {address}: must be HOST:PORT, as `ray start --head` prints it")

@@ -1,7 +1,7 @@
 """The nodes that send no goals, in one process: ``python -m pacman_env.ros.composed SETUP``, a ``GameSetup`` as JSON.
 
-ROS calls this composition: each node has its name, parameters and last messages. The nodes share Python, its libraries
-and one thread, and end together.
+ROS calls this composition: each node keeps its own name, parameters and last messages. The nodes share Python, its
+libraries and one thread, and end together.
 """
 
 import sys

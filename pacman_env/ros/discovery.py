@@ -27,7 +27,8 @@ _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _UDP_ALONE = Path(__file__).with_name("udp_alone.xml")
-BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")  # variables that also reach other machines
+#: Environment variables that make nodes discover other machines.
+BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")
 
 
 def domain_of(text: str) -> int:
@@ -40,7 +41,10 @@ def domain_of(text: str) -> int:
 
 
 def join(domain: int | None, this_machine: bool) -> int:
-    """Choose the domain of new nodes, by default the environment's, and return it."""
+    """Set the domain of new nodes and return it; ``domain`` None: the domain of the environment.
+
+    If ``this_machine``, the new nodes do not discover other machines.
+    """
     number = domain_of(os.environ.get("ROS_DOMAIN_ID", "") if domain is None else str(domain))
     os.environ["ROS_DOMAIN_ID"] = str(number)
     avoid_shared_memory()
@@ -84,7 +88,7 @@ def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> 
     if TRANSPORTS in environment or "ransport" in profiles:
         return
     environment[TRANSPORTS] = "UDPv4"
-    if not files:  # ROS adds shared memory if LOCALHOST is set; this profile leaves it without a port
+    if not files:  # with LOCALHOST, ROS adds shared memory; with this profile it has no port
         environment[PROFILES[0]] = str(_UDP_ALONE)
 
 
@@ -132,17 +136,17 @@ def _asks(content: Any) -> bool:
 
 
 def costmaps_without(node: Any, topic: str) -> list[str]:
-    """Return the costmaps of Nav2 that do not subscribe to a cloud.
+    """Return the costmaps of Nav2 that do not subscribe to the cloud on ``topic``.
 
-    There are none if a simulated robot exists, because it replaces both costmaps.
+    The list is empty if a simulated robot exists, because it replaces both costmaps.
     """
     names = {info.node_name for info in node.get_subscriptions_info_by_topic(node.resolve_topic_name(topic))}
-    is_covered = SIMULATOR in names or _UNKNOWN_NAME in names  # the name of a frozen node is unknown to others
+    is_covered = SIMULATOR in names or _UNKNOWN_NAME in names  # an unknown name may be a frozen costmap
     return [] if is_covered else [name for name in COSTMAPS if name not in names]
 
 
 def publishers(node: Any, topics: Iterable[str]) -> list[str]:
-    """List the other nodes that publish any of these topics: ``/robot_15/motion_control (odom)``."""
+    """List the other nodes that publish any of these topics, such as ``/robot_15/motion_control (odom)``."""
     own = node.get_name(), node.get_namespace()
     end = time.monotonic() + _NAMES_S
     while True:

@@ -30,18 +30,18 @@ from pacman_env.ros.message_conversion import (
 from pacman_env.ros.selector.reasons import troubles_of
 from pacman_env.ros.text import plain
 
-NO_RESPONSE = "{} does not respond"  # a node
+NO_RESPONSE = "{} does not respond"  # filled with a node's name
 _LONGEST_REPORT = 10_000  # characters
 _MOST = 10**9
 _MOST_PROCESSES = 100
 
-Configuration = Mapping[str, Any]  # see configuration_of
+Configuration = Mapping[str, Any]  # see ``configuration_of``
 #: Configurations by the node's name and the start, machine and number of its process.
 Processes = dict[tuple[str, tuple[float, str, int]], Configuration]
 
 
 class Stamped(NamedTuple):
-    pose: Pose  # in the map
+    pose: Pose  # in the map frame
     stamp_ns: int
 
 
@@ -73,7 +73,7 @@ def add_process(processes: Processes, configuration: Configuration) -> Processes
 
 
 def reasons_of(message: Any) -> Mapping[str, str]:
-    """Return the reason by node that does not respond to the referee."""
+    """Return the nodes that do not respond to the referee, as reasons by the node's name."""
     reasons = object_of(message, _LONGEST_REPORT)
     if not all(isinstance(reason, str) for reason in reasons.values()):
         raise BadMessage("reasons that are no text")
@@ -81,7 +81,7 @@ def reasons_of(message: Any) -> Mapping[str, str]:
 
 
 class Monitored(NamedTuple):
-    """Topic of a value of the game; ``read`` raises BadMessage."""
+    """Topic of one value of the game; ``read`` extracts the value from a message and raises BadMessage."""
 
     topic: topics.Topic
     read: Callable[[Any], Any]
@@ -126,18 +126,19 @@ class GameMonitor:
     pellets_collected: int | None = None
     pellets_spawned: int | None = None
     ghosts_caught: int | None = None  # in this round; None in a game without power pellets
-    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))  # and away until; by ghost
+    #: (G, 2) ROS times, s: until when each ghost is harmless, and until when it is away.
+    harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
-    unresponsive: Mapping[str, str] = field(default_factory=dict)  # reasons by node, from the referee
-    configuration: Configuration = field(default_factory=dict)  # configuration of any node
+    unresponsive: Mapping[str, str] = field(default_factory=dict)  # by node: why it does not respond, from the referee
+    configuration: Configuration = field(default_factory=dict)  # the last one received, of any node
     pellets: Mapping[int, Position] = field(default_factory=dict)
-    power_pellets: set[int] = field(default_factory=set)  # ids; collected ones, too
-    pose: Stamped | None = None  # the latched one
+    power_pellets: set[int] = field(default_factory=set)  # ids, collected pellets included
+    pose: Stamped | None = None  # the last ``amcl_pose``
     ghosts: dict[int, Stamped] = field(default_factory=dict)
     began_s: float = 0.0  # time of the first message of the last round
-    processes: Processes = field(default_factory=dict)  # processes by node; a restarted node has several
-    invalid: dict[str, str] = field(default_factory=dict)  # value: why its last message was refused
+    processes: Processes = field(default_factory=dict)  # of all nodes; a restarted node has several processes
+    invalid: dict[str, str] = field(default_factory=dict)  # by name of a value: why its last message was refused
 
     @property
     def troubles(self) -> dict[str, str]:

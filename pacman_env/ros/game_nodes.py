@@ -1,4 +1,4 @@
-"""The processes of a game in the order of their start, their parameters, and the meaning of their end.
+"""The processes of a game in the order of their start, their parameters, and what follows when a process ends.
 
 Used by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; does not import ROS."""
 
@@ -22,7 +22,7 @@ REFEREE = "game_controller"
 LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
 COMPOSED = "composed_nodes"  # the process that hosts the nodes of GAME
 NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
-NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # ``nav2`` if it is no command: its launch file; start by hand
+NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # values of ``nav2``: Nav2's launch file; start by hand
 PAGE = "operator_page"  # optional; not a node of the game
 
 #: What follows the end of a process. RESTARTED: a restart. SPARE: a restart, or none if restarts do not help.
@@ -58,13 +58,13 @@ PROCESSES = {
         GameProcess(COMPOSED),
     )
 }
-#: Processes that are nodes: the simulated robot, the game, then the two that need a pose.
+#: Processes that are nodes, in order: the simulated robot, the game, the wait for a pose, the goal selector.
 NODES = tuple(name for name in PROCESSES if name not in (NAV2, PAGE, LOCK_STEP, COMPOSED))
 #: Nodes that only subscribe, publish and respond.
 GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
 #: Processes that move the robot and therefore stop first.
 MOVERS = (SELECTOR, COMPOSED, "game_event_mapper")
-#: First nodes to stop in lock-step. As processes, all nodes but the movers and the simulated robot stop together.
+#: Nodes that stop first in lock-step. Separate processes stop together, except the movers and the simulated robot.
 STOP_ORDER = (*MOVERS, "game_light_node", PAGE, "audio_node", REFEREE)
 
 QUIET = ("--disable-external-lib-logs",)  # a node's output is stored once, by the process that started it
@@ -83,7 +83,7 @@ class GameSetup:
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
     home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: the robot's pose in the menu
-    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # more parameters by node
+    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: more parameters
     web: int | None = None  # the operator's page on this port of this machine
     lock_step: bool = False  # all nodes in one process; simulated time waits for them
     seed: int = 0  # random seed of a lock-step game
@@ -137,7 +137,7 @@ class GameSetup:
         return nodes if self.web is None else (*nodes, PAGE)
 
     def parameters(self, node: str) -> dict[str, Value]:
-        """Return the parameters that ``node`` is started with; others have their defaults."""
+        """Return the parameters with which ``node`` is started; its other parameters have their defaults."""
         process, home = PROCESSES[node], self.home
         values: dict[str, Value] = {"map_yaml": self.map, "policy": self.policy, "speed": self.speed}
         if home is not None:

@@ -1,7 +1,6 @@
 """Heartbeat of a process's main thread, through a pipe to ``ros up``, which restarts a process that is frozen.
 
-The kernel ends a process that hangs for longer, because then Python handles no signal: it does not outlive a killed
-``ros up``."""
+A process that hangs handles no signal. Therefore the kernel ends it some seconds later, even if ``ros up`` is gone."""
 
 import contextlib
 import os
@@ -10,12 +9,11 @@ import time
 from pathlib import Path
 
 LIMIT_S = 2  # longest silence of a thread that handles messages
-LONG_S = 250  # the same for work of unknown length, such as compiling or the end of a node
-HANGS_S = 8  # after this time beyond the limit, the kernel ends the process
+LONG_S = 250  # longest silence during work of unknown length, such as compiling or the end of a node
+HANGS_S = 8  # the kernel ends a process this long after the limit
 _PERIOD_S = 0.2
-_LONGEST_LOOK_S = (
-    0.5  # between two observations; more does not count as silence, because the observer itself did not run
-)
+#: Longest time that counts as silence between two looks. After a longer gap the observer itself did not run.
+_LONGEST_LOOK_S = 0.5
 _WAITING = "RD"  # states in which a thread waits for a processor or the disk
 
 
@@ -26,13 +24,13 @@ class Heart:
     _limit_s, _due_s = 0, 0.0
 
     def beat(self, limit_s: int = LIMIT_S) -> None:
-        """Promise the next beat within ``limit_s``, at most 255; call this in the main thread."""
+        """Send a beat if due; it promises the next one within ``limit_s`` (at most 255). For the main thread only."""
         now_s = time.monotonic()
         if self.pipe is None or (limit_s == self._limit_s and now_s < self._due_s):
             return
         self._limit_s, self._due_s = limit_s, now_s + _PERIOD_S
         signal.alarm(limit_s + HANGS_S)
-        with contextlib.suppress(OSError):  # ``ros up`` is gone, or has not read for a long time
+        with contextlib.suppress(OSError):  # ``ros up`` has ended, or has not read for a long time
             os.write(self.pipe, bytes([limit_s]))
 
 
@@ -40,26 +38,26 @@ HEART = Heart()
 
 
 class Listener:
-    """Receiver of the heartbeat of a process that inherits ``pipe``; one process after another."""
+    """Receiver of the heartbeats of processes that inherit ``pipe``, one process after another."""
 
     def __init__(self) -> None:
         self._received, self.pipe = os.pipe()
         os.set_blocking(self._received, False)
         os.set_blocking(self.pipe, False)
         self._look_s, self._busy_s = time.monotonic(), 0.0
-        self._limit_s, self.silent_s = 0, 0.0  # 0 before the first beat
+        self._limit_s, self.silent_s = 0, 0.0  # a limit of 0: no beat yet
 
     def __del__(self) -> None:
         os.close(self._received)
         os.close(self.pipe)
 
     def restart(self) -> None:
-        """Forget the last process."""
+        """Discard the beats of the last process."""
         self._read()
         self._limit_s, self.silent_s = 0, 0.0
 
     def is_late(self, pid: int) -> bool:
-        """Return True if process ``pid`` has broken its promise; call this several times per second.
+        """Return True if process ``pid`` has not sent the promised beat in time; call this several times per second.
 
         While its main thread waits for a processor, only its processor time counts as silence.
         """

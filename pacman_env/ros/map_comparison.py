@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-CELLS_DIFFER = 0.001  # share of cells; the same file gives 0
-_LARGEST = 100_000_000  # cells
+CELLS_DIFFER = 0.001  # share of differing cells above which maps differ; the same file gives 0
+_LARGEST = 100_000_000  # most cells of a map
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Occupancy grid: ``origin`` is x, y (m), yaw (rad) of the lower left corner, ``cells`` (H, W) has row 0 lowest."""
+    """Occupancy grid with cells of ``resolution`` m; in ``cells`` (H, W) row 0 is the lowest.
+
+    ``origin`` is the pose of the lower left corner: x, y (m) and yaw (rad).
+    """
 
     resolution: float
     origin: tuple[float, float, float]
@@ -34,12 +37,12 @@ def grid_of(message: Any) -> Grid:
 
 
 def differing_cells(grid: Grid, game: OccupancyMap) -> float:
-    """Return the share of cells that differ; both maps must have the same size."""
+    """Return the share (0 to 1) of cells that differ; both maps must have the same size."""
     return float(np.mean(np.flipud(grid.cells) != game.occupancy))
 
 
 def map_differences(grid: Grid, game: OccupancyMap) -> list[str]:
-    """Describe the differences to the game's map; empty if the maps are the same."""
+    """Describe how ``grid`` differs from the game's map; empty if the maps are the same."""
     rows, columns = grid.cells.shape
     differences = []
     if (columns, rows) != (game.width, game.height):

@@ -14,12 +14,12 @@ from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker, MarkerArray
 
-FARTHEST_M = 1000.0  # no map of the game is larger
+FARTHEST_M = 1000.0  # farthest position from the origin; no map is larger
 UNIT_TOLERANCE = 0.01  # tolerance of a quaternion's length
 LONGEST_WORD = 200  # characters
 LONGEST_JSON = 100_000
-PELLETS = "pellets"  # namespaces of markers
-POWER_PELLETS = "power_pellets"  # not the original's, whose nodes ignore it
+PELLETS = "pellets"  # namespace of markers
+POWER_PELLETS = "power_pellets"  # namespace of markers that the original's nodes ignore
 GHOSTS = "ghosts"
 PELLET_DIAMETER_M, POWER_PELLET_DIAMETER_M = 0.12, 0.24
 
@@ -29,7 +29,7 @@ Colour = tuple[float, float, float]  # red, green, blue, 0 to 1
 
 
 _AROUND = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range(8)]
-#: (9, 2) a ghost in Nav2's costmap: its position and eight points around it, in multiples of their distance.
+#: (9, 2) obstacle of a ghost at the origin: the ghost's position and eight points at distance 1 around it.
 GHOST_OBSTACLE = np.array([(0.0, 0.0), *_AROUND], dtype=np.float64)
 
 
@@ -89,7 +89,7 @@ def number_of(message: Any, low: float, high: float) -> float:
 
 
 def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
-    """Return the positions, m, by id of the pellets that are shown after a MarkerArray, in its order."""
+    """Return the positions (m), by id, of the pellets that a MarkerArray leaves on the map, in the markers' order."""
     if len(message.markers) > limit:
         raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
     pellets: dict[int, Position] = {}
@@ -116,7 +116,7 @@ def power_pellets_of(message: Any) -> set[int]:
 
 
 def ghost_times_of(message: Any, ghosts: int) -> NDArray[np.float64]:
-    """Return the times (``ghosts``, 2), s, until which each ghost is harmless and away."""
+    """Return for each ghost the times until which it is harmless and until which it is away: (``ghosts``, 2), s."""
     times = np.array(message.data, dtype=np.float64)
     if times.shape != (2 * ghosts,):
         raise BadMessage(f"{len(times)} times: must be two for each of {ghosts} ghosts")
@@ -126,7 +126,7 @@ def ghost_times_of(message: Any, ghosts: int) -> NDArray[np.float64]:
 
 
 def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
-    """Return x and y in m, (N, 2), of the finite points of a PointCloud2."""
+    """Return x and y of the finite points of a PointCloud2: (N, 2), m."""
     _check_frame(message.header, frame)
     count = message.width * message.height
     if count > limit:
@@ -171,7 +171,7 @@ def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map
 
 
 def twist_message(v_mps: float, w_radps: float, stamp: Any, frame: str = "base_link") -> Any:
-    """Create a TwistStamped; forward and left turns are positive."""
+    """Create a TwistStamped; driving forward and turning left are positive."""
     message = TwistStamped(header=Header(stamp=stamp, frame_id=frame))
     message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
     return message
@@ -240,7 +240,7 @@ def object_of(message: Any, longest: int = LONGEST_JSON) -> dict[str, Any]:
 
 
 def process_of(message: Any) -> dict[str, Any]:
-    """Return the JSON object in a String that describes the sender's process; its ``started`` is valid."""
+    """Read the JSON object in a String that describes the sender; raises BadMessage unless ``started`` is valid."""
     content = object_of(message)
     try:
         return content | {"started": started(content)}
@@ -249,6 +249,6 @@ def process_of(message: Any) -> dict[str, Any]:
 
 
 def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
-    """Return start, machine and number of a process; tuples sort by start."""
+    """Return start (s since 1970), machine and number of a process; sorting the tuples sorts by start."""
     started_s, host, number = plays["started"]
     return float(started_s), str(host)[:100], int(number)

@@ -40,13 +40,13 @@ from .standstill import STOOD_STILL, Standstill, lease_s
 from .surroundings import current
 from .topics import CONFIGURATION
 
-LAST_MESSAGES_S = 2.0  # time for answers and acknowledgements together
-TEARDOWN_S = 5  # many participants that leave together can hang inside FastDDS
+LAST_MESSAGES_S = 2.0  # longest wait for answers and acknowledgements of last messages, together
+TEARDOWN_S = 5  # longest end of ROS; many participants that leave together can hang in Fast DDS
 POLL_S = 0.2  # longest delay until a signal is noticed
 BAD_START = 2  # exit status
-_LISTED = 5  # most differing fields in a message
-_MADV_DONTNEED = 4  # Linux
-_LAPSE_S = 5.0  # longer than the period of all checks and reports
+_LISTED = 5  # most differing fields that a log message lists
+_MADV_DONTNEED = 4  # from Linux's headers
+_LAPSE_S = 5.0  # longer than the period of anything that reports a trouble
 
 Value = TypeVar("Value", bool, int, float, str)
 
@@ -62,8 +62,10 @@ class BaseNode(Node):
         self._set_back_s = 0.0  # total time by which the clock was set back
 
     def create_subscription(self, kind: Any, topic: str, callback: Any, qos_profile: Any, **options: Any) -> Any:
-        """Create a subscription; lock-step surroundings may queue more messages than the profile."""
-        sub = super().create_subscription(kind, topic, callback, self.surroundings.kept(qos_profile), **options)
+        """Create a subscription; in lock-step its queue may be longer than the profile says."""
+        sub = super().create_subscription(
+            kind, topic, callback, self.surroundings.subscription_profile(qos_profile), **options
+        )
         if isinstance(qos_profile, QoSProfile):
             sub.qos_profile = qos_profile
         return sub
@@ -88,14 +90,14 @@ class BaseNode(Node):
         super().destroy_node()
 
     def now_s(self) -> float:
-        """Return the node's time, s, for measuring durations: it continues if the clock is set back."""
+        """Return the node's time, s, for measuring durations: it never runs backwards, unlike the clock."""
         now_s = float(self.get_clock().now().nanoseconds) * 1e-9
         self._set_back_s += max(0.0, self._latest_s - now_s)
         self._latest_s = now_s
         return now_s + self._set_back_s
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
-        """Subscribe; a BadMessage that ``handle`` raises is logged once, as this kind of trouble."""
+        """Subscribe to a topic. If ``handle`` raises BadMessage, log the error once, as the trouble ``trouble``."""
 
         def receive(message: Any) -> None:
             try:
@@ -106,7 +108,7 @@ class BaseNode(Node):
         return topic.subscription(self, receive)
 
     def refuse(self, reason: str) -> None:
-        """End like a node that cannot start, without last messages, so that the others continue their game."""
+        """End like a node that cannot start, without last messages, so that the other nodes continue their game."""
         print(f"{self.get_name()}: {reason}", file=sys.stderr, flush=True)
         self.status, self.silent = BAD_START, True
 
@@ -142,16 +144,16 @@ class GameNode(BaseNode):
         self._configuration = CONFIGURATION.publisher(self)
         self.listen(CONFIGURATION, self._compare, "bad configuration")
         self._configuration.publish(CONFIGURATION.type(data=json.dumps(self._plays)))
-        self._differing: dict[str, str] = {}  # nodes with another configuration, by trouble
+        self._differing: dict[str, str] = {}  # by trouble: the node with another configuration
 
     def acts(self) -> bool:
-        """Return True if only one such node may run; of two nodes, the later one ends."""
+        """Return True if only one node of this kind may run: the later of two such nodes ends."""
         return True
 
     def _compare(self, message: Any) -> None:
-        """Log how another node's configuration differs from this one; refuse to run next to an older copy of this node.
+        """Log how another node's configuration differs from this node's; refuse to run if this node runs already.
 
-        A difference is logged once per node, and again only after the two configurations were equal.
+        A node's difference is logged once, and again only if the two configurations were equal in between.
         """
         own = self._plays
         try:
@@ -197,9 +199,9 @@ def process_words(plays: Mapping[str, Any]) -> str:
 
 
 class Once:
-    """Log each kind of trouble once and count the rest, so that a bad peer cannot fill the log.
+    """Log each kind of trouble once and count the rest, so that another node's bad messages cannot fill the log.
 
-    A trouble is over 5 s (of ``now_s``) after its last occurrence, or when ``over`` is called.
+    A trouble ends 5 s (by ``now_s``) after its last ``warning``, or when ``over`` is called.
     """
 
     def __init__(self, logger: Any, now_s: Callable[[], float]) -> None:
@@ -217,7 +219,7 @@ class Once:
         return dict(self._counts)
 
     def warning(self, key: str, text: str) -> None:
-        """Report a trouble that is over 5 s after its last report."""
+        """Report a trouble that ends 5 s after its last report."""
         self._add(key, text, self._now_s() + _LAPSE_S)
 
     def begin(self, key: str, text: str) -> None:
@@ -263,7 +265,7 @@ def parameter(
 
 
 class StopSignals:
-    """Context in which SIGINT and SIGTERM set ``asked``; with ``breaks_off`` they also raise KeyboardInterrupt."""
+    """Context in which SIGINT and SIGTERM set ``asked``, and raise KeyboardInterrupt if ``breaks_off`` is True."""
 
     def __init__(self, breaks_off: bool = False) -> None:
         self.asked = False
@@ -286,13 +288,13 @@ class StopSignals:
 def run(make: Callable[[], BaseNode], name: str, argv: Sequence[str] | None = None, stopped: int = 0) -> int:
     """Spin a node in the main thread until a signal or its own end, then send its last messages and shut down.
 
-    Returns ``stopped`` after a signal, otherwise the node's status (75 after a standstill); 2 if it cannot be created.
+    Returns ``stopped`` after a signal, 2 if the node cannot be created, otherwise its status (75 after a standstill).
     """
     return run_together((make,), name, list(sys.argv[1:] if argv is None else argv), stopped)
 
 
 def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: list[str], stopped: int = 0) -> int:
-    """Run several nodes in one thread, like :func:`run`; the end of one node ends all."""
+    """Run several nodes in one thread, like :func:`run`; when one node ends, all end."""
     nodes: list[BaseNode] = []
     running = False
     # A client that ends before its response is no error, even if warnings are errors.
@@ -334,11 +336,11 @@ def run_together(makes: Iterable[Callable[[], BaseNode]], name: str, arguments: 
 
 
 def event_executor(context: Any = None) -> Executor:
-    """Return the executor for nodes that spin as long as a game.
+    """Return the executor for nodes that spin as long as a game: EventsExecutor if rclpy has it (7.1.3 does not).
 
-    Events wake it, which needs less processor time than SingleThreadedExecutor, which collects all entities of its
-    nodes before each wait. rclpy 7.1.3 has only the latter. Entities should live as long as their node: in a stress
-    test EventsExecutor crashed when subscriptions were destroyed while nodes appeared and disappeared.
+    EventsExecutor waits for events. SingleThreadedExecutor needs more processor time, because it collects all entities
+    of its nodes before each wait. Entities should live as long as their node: in a stress test EventsExecutor crashed
+    when subscriptions were destroyed while nodes appeared and disappeared.
     """
     try:
         from rclpy.experimental.events_executor import EventsExecutor
@@ -348,7 +350,10 @@ def event_executor(context: Any = None) -> Executor:
 
 
 def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> None:
-    """Spin until the end, then let the nodes publish their last messages and wait for their delivery."""
+    """Spin the nodes until a stop is requested, a node has ended, or the process stood still for over ``longest_s``.
+
+    Then let the nodes publish their last messages, and wait for the delivery.
+    """
     executor = event_executor()
     for node in nodes:
         executor.add_node(node)
@@ -377,17 +382,17 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
 def release_memory() -> int:
     """Release memory that only the start needed, and return the number of released mappings."""
     gc.collect()
-    gc.freeze()  # otherwise a collection takes long because of a compiler's tables
+    gc.freeze()  # a later collection need not traverse the tables of the compiler
     if sys.platform != "linux":
         return 0
     madvise = ctypes.CDLL(None).madvise
     madvise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
-    # Code pages of libraries, above all LLVM; pages that are needed again come from the page cache.
+    # Release the code pages of libraries, above all of LLVM. Linux reads a page again if it is needed.
     return sum(madvise(start, size, _MADV_DONTNEED) == 0 for start, size in list(_code()))
 
 
 def _code() -> Iterator[tuple[int, int]]:
-    """Yield address and size (bytes) of mapped code files, without code compiled at run time."""
+    """Yield address and size (bytes) of each mapping of a file with code, but not of code compiled at run time."""
     for line in Path("/proc/self/maps").read_text().splitlines():
         addresses, permissions, _, _, inode, *_ = line.split(maxsplit=5)
         if permissions == "r-xp" and inode != "0":
@@ -396,7 +401,7 @@ def _code() -> Iterator[tuple[int, int]]:
 
 
 class ObserverNode(Node):
-    """Node that observes a game while it is spun, in its own context, which ``close`` shuts down."""
+    """Node that observes a game while ``spin`` runs; it has its own ROS context, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
         avoid_shared_memory()
@@ -421,7 +426,7 @@ class ObserverNode(Node):
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def spin_until(self, condition: Callable[[], object], timeout_s: float) -> bool:
-        """Return True if the condition becomes true within ``timeout_s``."""
+        """Spin until the condition is true, at most ``timeout_s``; return True if it became true."""
         end = time.monotonic() + timeout_s
         while not (holds := bool(condition())) and time.monotonic() < end:
             self.spin(0.05)

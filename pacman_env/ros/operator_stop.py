@@ -12,27 +12,29 @@ from .surroundings import current
 from .topics import OPERATOR_STOP
 
 _LONGEST = 1000  # characters
-_MOST = 100  # largest number of stored nodes
-_LATEST = 2**62  # ns
-_INSISTS_S = 2.0  # an earlier release from a clock that is ahead may still arrive in this time after one's own stop
+_MOST = 100  # most nodes whose last request is stored
+_LATEST = 2**62  # largest accepted ``at``, ns
+#: A release within this time after this node's stop is ignored: it may be older, with a time of a clock that is ahead.
+_INSISTS_S = 2.0
 
 
 class OperatorStop:
-    """Receive and publish the request for one node, a ``BaseNode`` or any with ``listen``.
+    """Receive and publish the request for one node, which needs the method ``listen`` of ``BaseNode``.
 
     A node that obeys publishes received requests again, so that nodes started later get them even if the sender is
-    gone. The later request by ``at`` counts; of two at the same time, the stop. ``at`` is wall time in ns, but always
-    more than the last received value, so that a release counts even if clocks differ.
+    gone. The request with the largest ``at`` counts; if two are equal, the stop. ``at`` is wall time in ns, but always
+    more than the last received value, so that a release counts even if clocks differ. If ``obeys`` is False, the node
+    only observes and sends requests.
     """
 
     def __init__(self, node: Any, changed: Callable[[bool, str], None] | None = None, obeys: bool = True) -> None:
         self._surroundings = current()
         self._changed, self._obeys = changed, obeys
         self._by = node.get_fully_qualified_name()
-        self._received: dict[str, tuple[int, bool]] = {}  # other node: its last request
+        self._received: dict[str, tuple[int, bool]] = {}  # by other node: its last request
         self._lock = threading.RLock()
         self._last = (0, False)  # time (ns), and True for a stop
-        self._insists_s = 0.0  # until this time later releases are ignored
+        self._insists_s = 0.0  # releases are ignored until this time
         self.who = ""
         self._publisher = OPERATOR_STOP.publisher(node)
         self._subscription = node.listen(OPERATOR_STOP, self._on_message, "bad stop")
@@ -50,13 +52,13 @@ class OperatorStop:
 
     @property
     def obeyed_by(self) -> list[str]:
-        """The other nodes that have repeated the last request."""
+        """Names of the other nodes that have repeated the last request."""
         with self._lock:
             return sorted(by.rpartition("/")[2] for by, request in self._received.items() if request == self._last)
 
     @property
     def obeyed_by_all(self) -> bool:
-        """True if all other nodes that have published a request have published the last one."""
+        """True if every other node that has ever published a request has repeated the last request."""
         with self._lock:
             return all(request == self._last for request in self._received.values())
 
@@ -100,7 +102,10 @@ class OperatorStop:
 
 
 def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, bool], str, str]:
-    """Parse a request; return (time, True for a stop), the person and the publishing node."""
+    """Parse a request; return ((``at`` in ns, True for a stop), person, publishing node).
+
+    A stop published by hand gets the time ``now_ns``, but at least ``last_ns`` + 1 (``last_ns``: the last request).
+    """
     text = message.data
     if len(text) > _LONGEST:
         raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")

@@ -69,7 +69,7 @@ def has_goals(server: ActionServer) -> bool:
 
 
 def expire_goals(server: ActionServer) -> Any:
-    """Remove and return goals that ended 15 minutes ago; rcl raises an error for a server without goals."""
+    """Remove and return goals that ended at least 15 minutes ago; () if the server has no goals."""
     return server._handle.expire_goals(len(server._goal_handles)) if has_goals(server) else ()
 
 
@@ -85,7 +85,7 @@ _READY = {
 
 
 def mark_ready(waitable: ActionServer | ActionClient) -> None:
-    """Make ``take_data`` try everything that an action client or server may have received."""
+    """Make the next ``take_data`` look for every kind of message that an action client or server may receive."""
     if isinstance(waitable, ActionServer):
         waitable._is_goal_expired = False
     for flag in _READY[type(waitable)]:
@@ -93,7 +93,7 @@ def mark_ready(waitable: ActionServer | ActionClient) -> None:
 
 
 def run_callbacks_in(executor: Any, *futures: Any) -> None:
-    """Run the callbacks of futures in an executor of this package."""
+    """Make ``executor`` run the callbacks of these futures."""
     for future in futures:
         future._set_executor(executor)
 

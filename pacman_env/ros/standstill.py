@@ -10,8 +10,8 @@ import time
 LEASE = "PACMAN_ENV_LEASE_S"  # environment variable
 DEFAULT_LEASE_S = 20.0  # Fast DDS's leaseDuration
 STOOD_STILL = 75  # exit status: EX_TEMPFAIL of sysexits.h
-_CHECKS = 8  # per lease
-_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # Linux's runs while the machine sleeps
+_CHECKS = 8  # number of checks per lease
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # CLOCK_BOOTTIME also counts sleep
 
 
 def lease_s() -> float:
@@ -27,12 +27,12 @@ def lease_s() -> float:
 
 
 class Standstill:
-    """Thread that measures standstills of the process, whatever it computes; up to ``lease_s`` they are harmless."""
+    """Thread that measures how long the whole process stood still; standstills up to ``lease_s`` are harmless."""
 
     def __init__(self, lease_s: float) -> None:
         self._lease_s = lease_s
         self._end = threading.Event()
-        self.longest_s = 0.0  # longest of all standstills
+        self.longest_s = 0.0  # longest standstill so far
         threading.Thread(target=self._watch, daemon=True).start()
 
     def __bool__(self) -> bool:

@@ -27,10 +27,10 @@ class Surroundings:
         return {}
 
     def watch(self, entity: Any) -> None:
-        """Receive each new publisher, client and service of the node."""
+        """Note a new publisher, client or service of the node; only lock-step needs this."""
 
-    def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """Return the middleware's profile for a subscription with ``qos_profile``; lock-step lengthens its queue."""
+    def subscription_profile(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
+        """Return the QoS profile to subscribe with, here unchanged; lock-step lengthens the queue of latched topics."""
         return qos_profile
 
     def monotonic(self) -> float:

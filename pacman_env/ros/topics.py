@@ -43,7 +43,7 @@ class _Interface:
     name: str
     type_name: str
 
-    kind: ClassVar[str]  # the module of the package
+    kind: ClassVar[str]  # module of the type's package: msg, srv or action
 
     @property
     def type(self) -> Any:
@@ -105,7 +105,7 @@ class RosAction(_Interface):
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
     def cancel_client(self, node: Any, **options: Any) -> Any:
-        """Create a client that cancels goals by id, accepted or not."""
+        """Create a client that cancels goals by id, even before they are accepted."""
         return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:

@@ -28,9 +28,9 @@ _PREFIX = "network."  # prefix of the weights' names
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Facts about a planner that only its training knows."""
+    """Facts about a planner that only the training knows, and that the weights do not contain."""
 
-    robot_speed_mps: Number  # speed with which its features were built
+    robot_speed_mps: Number  # speed with which the features were built
     training: Training
     metrics: dict[str, Number]
 
@@ -59,14 +59,14 @@ def save_checkpoint(path: Path, network: EntityNetwork, optimizer: torch.optim.O
 
 
 def _tensors(path: Path, name: str) -> dict[str, Any]:
-    """Read one part of a checkpoint, ``policy`` or ``policy.optimizer``: nothing but tensors and numbers."""
+    """Read one part of a checkpoint, ``policy`` or ``policy.optimizer``: only tensors and numbers are read."""
     with zipfile.ZipFile(path) as archive:
         content = torch.load(io.BytesIO(archive.read(f"{name}.pth")), weights_only=True, map_location="cpu")
     return {key.removeprefix(_PREFIX): value for key, value in content.items()}
 
 
 def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer) -> None:
-    """Read network and optimizer from a checkpoint; raises ValueError if it is unreadable or of another network."""
+    """Read network and optimizer from a checkpoint; raises ValueError if it is damaged or does not fit the network."""
     with located(f"{path}: cannot be restored", ValueError, Exception):  # a damaged or foreign file may fail anywhere
         weights, state = _tensors(path, "policy"), _tensors(path, "policy.optimizer")
         network.load_state_dict(weights)
@@ -78,7 +78,7 @@ def load_network(path: Path) -> EntityNetwork:
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
     text = f"{path}: {_kind(path)}, no checkpoint of 'pacman-env train'"
-    with located(text, ValueError, Exception):  # may fail anywhere, too
+    with located(text, ValueError, Exception):  # a damaged or foreign file may fail anywhere
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
             sizes = json.loads(archive.read("data"))["policy_kwargs"]
@@ -91,7 +91,7 @@ def load_network(path: Path) -> EntityNetwork:
 
 
 def _kind(path: Path) -> str:
-    """Return what a file is that cannot be loaded."""
+    """Describe a file that cannot be loaded, for the error message."""
     if not zipfile.is_zipfile(path):
         return "no zip file, or cut off"
     with zipfile.ZipFile(path) as archive:
@@ -113,7 +113,7 @@ class TorchPlanner(BasePolicy):
         self.name, self.network, self.robot_speed_mps = name, network, robot_speed_mps
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """Return logits (N, C), -inf for forbidden candidates."""
+        """Return the logits (N, C) of the candidates in N situations, -inf for forbidden candidates."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
         with torch.no_grad():
             logits, _ = self.network(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
@@ -122,7 +122,7 @@ class TorchPlanner(BasePolicy):
 
 
 def load_planner(path: Path) -> TorchPlanner:
-    """Return the policy of a checkpoint, with the robot speed of its facts, or the measured one without facts."""
+    """Return the policy of a checkpoint, for the robot's speed in its facts (without facts: the measured speed)."""
     network = load_network(path)
     facts = facts_path(path)
     speed = read_facts(facts).robot_speed_mps if facts.exists() else make_config("robot").robot.speed_mps

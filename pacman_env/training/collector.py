@@ -16,7 +16,7 @@ from pacman_env.training.training_games import Part, PlannerPart
 
 
 class Collector:
-    """Plays fragments; they depend on seed and network alone, not on the number of threads."""
+    """Plays fragments, which depend only on the seed and the network, not on the number of threads."""
 
     def __init__(self, parts: Sequence[Part], executor: Executor) -> None:
         if not parts:
@@ -43,7 +43,10 @@ class Collector:
         how: How = "drawn",
         on_fragment: Callable[[Fragment], object] = lambda fragment: None,
     ) -> list[Fragment]:
-        """Play the next ``steps`` decisions in each game; return the fragments by part."""
+        """Play the next ``steps`` decisions in each game, and return one fragment per part.
+
+        ``how`` selects the player; ``on_fragment`` is called with each fragment as soon as it is played.
+        """
         network = network if next(network.parameters()).device.type == "cpu" else copy.deepcopy(network).cpu()
         first = np.cumsum([0, *(part.games for part in self.parts)]).tolist()
 

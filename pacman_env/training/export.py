@@ -30,7 +30,7 @@ from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_
 from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 
 OPSET, IR_VERSION = 17, 8  # supported by onnxruntime 1.13 and newer
-TOLERANCE = 1e-5  # largest difference between torch and the file
+TOLERANCE = 1e-5  # largest difference between the results of torch and of the file
 #: Layers in the order of their weights in the file; the weights of the first and third layer are split in two.
 _LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
 
@@ -60,7 +60,10 @@ class _Graph:
         return self.product(inputs, _array(layer.weight), layer.bias)
 
     def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
-        """Add the ReLU of a layer over [own (B, C, n), context (B, m)]; ``shown`` (n,) scales the own numbers."""
+        """Add a layer with ReLU whose inputs are ``own`` (B, C, n) and ``context`` (B, m); return its output's name.
+
+        The output is (B, C, width). ``shown`` (n,) scales the numbers of ``own``.
+        """
         weight, count = _array(layer.weight), len(shown)
         part = self.add("Unsqueeze", self.product(context, weight[:, count:], layer.bias), self.axes(1))
         return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))
@@ -74,7 +77,11 @@ def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
 
 
 def model_bytes(network: EntityNetwork) -> bytes:
-    """Return ``forward`` as an ONNX model: candidates, globals and mask to logits and values, for any B and C."""
+    """Return the network's ``forward`` as the bytes of an ONNX model, for any number of games B and candidates C.
+
+    The inputs are ``candidates`` (B, C, F) and ``globals`` (B, H), float32, and ``mask`` (B, C), bool. The outputs are
+    ``logits`` (B, C) and ``values`` (B,), float32.
+    """
     g = _Graph()
     mask = "mask"
     for kind in network.dropped_kinds:
@@ -110,7 +117,10 @@ def model_bytes(network: EntityNetwork) -> bytes:
 
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
-    """Write ``path`` (.onnx) and its metadata; old files are replaced only if the results match torch's."""
+    """Write a planner to ``path`` (.onnx), with its metadata.
+
+    Raises ValueError, and keeps old files, if the results of the file differ from torch's.
+    """
     if path.suffix.lower() != ".onnx":
         raise ValueError(f"{path}: must end in .onnx")
     if path.is_symlink():  # the metadata would lie next to the link, not next to the file
@@ -170,7 +180,7 @@ def network_of(path: Path) -> EntityNetwork:
 
 
 def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
-    """Raise ValueError if the results of file and torch differ for random inputs."""
+    """Raise ValueError if the exported file and torch give different results for random inputs."""
     rng = np.random.default_rng(0)
     for games, count in ((1, 1), (1, 24), (7, 5), (64, 40)):
         candidates = rng.uniform(-2, 2, (games, count, network.candidate_features)).astype(np.float32)

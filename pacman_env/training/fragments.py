@@ -17,14 +17,14 @@ from pacman_env.sb3 import Observation
 from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined
 from pacman_env.training.training_games import Ending, Part, PlannerGames
 
-#: The player: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
+#: Who plays: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]
 
 
 class FragmentChoices(NamedTuple):
     situations: PackedSituations
-    order: torch.Tensor  # (B, C) original numbers of the candidates in ``situations``
-    slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
+    order: torch.Tensor  # (B, C) numbers of the candidates before they were packed
+    slots: torch.Tensor  # (B,) places of the chosen candidates in ``situations``
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
 
@@ -33,22 +33,22 @@ class Fragment(NamedTuple):
     """T steps in each of N games; the B = T N situations are ordered by step, then by game."""
 
     situations: tuple[NDArray[Any], ...]  # the fields of ``PackedSituations``
-    slots: NDArray[np.int64]  # (B,) choices (a rule's labels, if any), by their place in the situations
+    slots: NDArray[np.int64]  # (B,) places of the choices, or of a rule's labels
     log_probs: NDArray[np.float32]  # (B,)
     values: NDArray[np.float32]  # (T + 1, N)
     rewards: NDArray[np.float32]  # (T, N)
     dones: NDArray[np.bool_]  # (T, N)
     endings: list[Ending]
-    agreed: float  # share of the network's choices that equal the rule's
+    agreed: float  # share of choices that the network and the rule agree on
 
 
 @torch.inference_mode()
 def choose(
     network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
 ) -> tuple[FragmentChoices, NDArray[np.int64]]:
-    """Return the network's choice for each situation, and the numbers of the chosen candidates (N,).
+    """Return the network's choices in N situations, and the numbers (N,) of the chosen candidates.
 
-    The choices are drawn with ``generator``; None: the best ones.
+    The choices are drawn with ``generator``; None: the candidates with the highest logits.
     """
     seen = {key: torch.from_numpy(array) for key, array in observation.items()}
     situations, order = network.pack(seen["planner_candidates"], seen["planner_globals"], seen["action_mask"] > 0.5)
@@ -69,7 +69,7 @@ def check(numbers: torch.Tensor) -> None:
 
 
 class RunningPart:
-    """The games of a part, which continue from fragment to fragment."""
+    """The games of a part; they continue from one fragment to the next."""
 
     def __init__(self, part: Part, seed: int) -> None:
         """Create the games; ``seed`` is the seed of the first rounds."""
@@ -78,7 +78,7 @@ class RunningPart:
 
 
 def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, seed: int) -> Fragment:
-    """Play the next ``steps`` decisions in each game; ``seed`` decides the drawn choices."""
+    """Play the next ``steps`` decisions in each game; ``how`` selects the player, ``seed`` decides drawn choices."""
     games, observation = running.games, running.observation
     generator = torch.Generator().manual_seed(seed) if how == "drawn" else None
     if how != "drawn":
@@ -121,10 +121,13 @@ def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, see
 
 @functools.cache
 def use_device(name: str) -> str:
-    """Set torch up for reproducible training; raises ValueError if the device cannot be used."""
-    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of sums varies
+    """Set torch up for reproducible training on a device, and return the device's name.
+
+    A second call with the same name does nothing. Raises ValueError if the device cannot be used.
+    """
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")  # otherwise the order of additions on a GPU varies
     torch.set_deterministic_debug_mode("error")  # use_deterministic_algorithms imports a compiler for two seconds
-    torch.utils.deterministic.fill_uninitialized_memory = False  # none is read
+    torch.utils.deterministic.fill_uninitialized_memory = False  # uninitialized memory is never read
     torch.set_num_threads(1)  # the learner has its own threads
     torch.empty(31 << 20, dtype=torch.uint8)  # after this, glibc reuses large blocks
     if name.partition(":")[0] not in ("cpu", "cuda"):

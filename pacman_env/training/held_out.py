@@ -22,8 +22,8 @@ from pacman_env.training.lineups import LEARNED, behaviours
 from pacman_env.training.run_arguments import Arguments
 from pacman_env.training.training_games import VALIDATION_LEVEL, game_config, lineup_settings
 
-_HELD_OUT = 128  # number of levels for validation, and for the report
-_ROUNDS = 64  # rounds of a task; another number would change the rounding of network sums
+_HELD_OUT = 128  # number of levels for validation, and of levels for the report
+_ROUNDS = 64  # rounds of a task; with another number, sums of the network are rounded differently
 
 
 class _CachedLevels(GeneratedMaps):
@@ -50,11 +50,11 @@ class _Rounds:
 
 
 def _completed(rounds: _Rounds) -> NDArray[np.bool_]:
-    """Play rounds and return the mask (E,) of completed ones."""
+    """Play rounds and return the mask (E,) of completed rounds."""
     use_device("cpu")
     levels = _levels(rounds.level_config, rounds.first_level)
     games = GameBatch(levels, rounds.config, len(rounds.seeds))
-    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other threads may play other rounds
+    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other threads play with the originals
     records, _ = play_in(games, policy, rounds.seeds, ghosts=ghosts, timed=False)
     return np.asarray(records["end"] == COMPLETE)
 
@@ -83,7 +83,7 @@ class HeldOut:
         self.rows = {lineup: slice(*ends[k : k + 2]) for k, lineup in enumerate(lineups)}
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
-        """Play the rounds and return the mask (E,) of completed ones; ``learned`` moves the learned ghosts."""
+        """Play the rounds and return the mask (E,) of completed rounds; ``learned`` moves ghosts called ``learned``."""
         tasks = []
         for lineup, rows in self.rows.items() if len(self.seeds) else ():
             names = behaviours(lineup)
@@ -99,7 +99,7 @@ class HeldOut:
         return np.concatenate([*self._executor.map(_completed, tasks), np.zeros(0, dtype=np.bool_)])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
-        """Return the completion rate over all rounds and per line-up (0 if there are no rounds)."""
+        """Return the completion rates in the mask (E,): over all rounds, and by line-up (0 if there are no rounds)."""
         if len(self.seeds) == 0:
             return 0.0, dict.fromkeys(self.rows, 0.0)
         return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}

@@ -26,18 +26,18 @@ from pacman_env.training.ppo import PPO
 from pacman_env.training.run_arguments import Arguments
 from pacman_env.training.training_games import facts_of, make_ghost_parts
 
-_GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each per rollout
+_GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each game per rollout
 _RATE = 1e-3, 1e-4  # Clyde's first and last learning rate
 _GAMMA = 0.99
 _DECISIONS, _SPEED_MPS = 131_072, (0.1, 0.35)
-_STREAM = 1  # stream of Clyde's random numbers
+_STREAM = 1  # key of Clyde's random numbers
 
-#: Rounds that the planner completed against each member, and all rounds, by name.
+#: By member's name: rounds against the member that the planner completed, and all rounds against it.
 Record = Mapping[str, tuple[int, int]]
 
 
 class League:
-    """Members of a run so far, as ONNX files in a folder."""
+    """Members that a run has trained so far, as ONNX files in ``folder``."""
 
     def __init__(self, arguments: Arguments, folder: Path) -> None:
         self._arguments, self._folder = arguments, folder
@@ -58,7 +58,8 @@ class League:
     def train(self, segment: int, planner: Policy, executor: Executor) -> None:
         """Train the due member against the current planner.
 
-        Every other member starts from random weights, to find new weaknesses; the others start from their predecessor.
+        Members with odd numbers start from random weights, to find new weaknesses. Members with even numbers start from
+        the weights of their predecessor.
         """
         names = self.names(segment)
         arguments = clyde_arguments(self._arguments)
@@ -74,12 +75,12 @@ class League:
         export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
 
     def pool(self, segment: int, record: Record) -> Opponents:
-        """Return the policies of ghosts called ``learned`` in a segment, weighted by the rounds in ``record``."""
+        """Return the policies of ghosts called ``learned`` in a segment, with weights from the rounds in ``record``."""
         names = self.names(segment)
         if not names:
             return Opponents([BehaviourOpponent("arcade"), BehaviourOpponent("chase")], [1.0, 1.0])
         counts = [record.get(name, (0, 0)) for name in names]
-        # Each member counts one extra round lost and one completed, so that none gets a weight of 0.
+        # For each member count one more lost and one more completed round, so that no weight is 0.
         return Opponents(
             [LearnedPlanner(self.path(name)) for name in names], [(n - won + 1) / (n + 2) for won, n in counts]
         )
@@ -87,7 +88,11 @@ class League:
     def record(
         self, segment: int, seeds: NDArray[np.uint64], completed: NDArray[np.bool_], pool: Opponents
     ) -> dict[str, tuple[int, int]]:
-        """Return the record of rounds (E,) with these seeds, played with the pool of a segment."""
+        """Return for each member how many of the rounds were completed against it, and how many there were.
+
+        ``seeds`` (E,) are the seeds of the rounds, ``completed`` (E,) is the mask of completed rounds, and ``pool`` the
+        segment's pool, with which they were played.
+        """
         drawn = pool.drawn(seeds)
         names = enumerate(self.names(segment))
         return {name: (int(completed[drawn == k].sum()), int((drawn == k).sum())) for k, name in names}

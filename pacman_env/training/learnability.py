@@ -1,4 +1,4 @@
-"""Selection of houses to play again: those with both completed and lost rounds.
+"""Selection of houses to play again: houses with both completed and lost rounds.
 
 The score of a house is p (1 - p), the variance of completion at the share p of completed rounds (Rutherford et al.,
 "No regrets: investigating and improving regret approximations for curriculum discovery", 2024).
@@ -6,7 +6,7 @@ The score of a house is p (1 - p), the variance of completion at the share p of 
 
 from collections.abc import Sequence
 
-_FEWEST_ROUNDS = 6  # least rounds to judge a level
+_FEWEST_ROUNDS = 6  # a level with fewer rounds is not judged
 
 
 class LevelCounts:
@@ -25,7 +25,7 @@ class LevelCounts:
         self._counts[sub_batch][level] = won + completed, rounds + 1
 
     def best(self) -> dict[str, list[int]]:
-        """Return by line-up the levels to play again, best first: at most half of the levels that it played."""
+        """Return the levels to play again by line-up, best first: at most half of the levels that the line-up met."""
         levels: dict[str, list[int]] = {}
         for lineup in dict.fromkeys(one for one in self.lineups if one is not None):
             own = [counts for one, counts in zip(self.lineups, self._counts, strict=True) if one == lineup]

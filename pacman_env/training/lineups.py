@@ -19,14 +19,14 @@ LEARNED = "learned"  # behaviour of ghosts that a member of the league moves
 RULE = "lookahead"  # teacher if all ghosts wander, otherwise the base of ``search``
 _SPEEDS, _POWER = "@", "+"
 _AROUND = re.compile(r"\s*([,@+-])\s*")  # spaces around separators
-_FUTURES = 1  # sampled futures of wandering ghosts among others, in the teacher's search
-#: Segments that the search needs for a decision.
+_FUTURES = 1  # sampled futures of wandering ghosts in the teacher's search
+#: Fewest segments that the search needs for a decision.
 LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
-SUB_BATCHES = 4  # per segment; several line-ups need more if the games cannot be divided otherwise
+SUB_BATCHES = 4  # in a segment; more if several line-ups cannot share the games otherwise
 
 
 def _parts(lineup: str) -> tuple[str, str | None, str | None]:
-    """Return the text of the ghosts, of their speeds and of the number of power pellets; None: not given."""
+    """Split a line-up into the texts of its ghosts, their speeds and the number of power pellets; None: not given."""
     ghosts, has_power, power = lineup.partition(_POWER)
     ghosts, has_speeds, speeds = ghosts.partition(_SPEEDS)
     return ghosts, speeds if has_speeds else None, power if has_power else None
@@ -92,10 +92,10 @@ def make_teacher(lineup: str, nodes: int) -> Policy:
 
 
 def sub_batches(ghosts: Sequence[str], games: int, levels: int) -> list[str]:
-    """Return the list of ghosts of each sub-batch, ordered so that both halves take equally long to play.
+    """Return the line-up of each sub-batch, ordered so that both halves take equally long to play.
 
-    Their number is a multiple of the number of line-ups, so that each line-up has its share of the games. Raises
-    ConfigError if ``games`` cannot be divided evenly, or if there are fewer ``levels`` than line-ups.
+    The number of sub-batches is a multiple of the number of line-ups, so that each line-up has its share of the games.
+    Raises ConfigError if ``games`` cannot be divided evenly, or if there are fewer ``levels`` than line-ups.
     """
     count = len(ghosts)
     require(games % count == 0, "games", games, f"must be a multiple of the {count} line-ups in ghosts")

@@ -38,7 +38,7 @@ class PackedSituations(NamedTuple):
     counts: torch.Tensor  # (B,) number of allowed candidates
 
     def of(self, rows: torch.Tensor | slice) -> PackedSituations:
-        """Return the situations ``rows``, with as many candidates as the largest of them needs."""
+        """Return the situations ``rows``, without candidates beyond the largest number of allowed candidates."""
         counts = self.counts[rows]
         most = max(int(counts.max()), 1)
         return PackedSituations(self.candidates[:, :most][rows], self.whole[rows], self.share[:, :most][rows], counts)
@@ -66,7 +66,7 @@ class _Maximum(torch.autograd.Function):
 
 
 class EntityNetwork(nn.Module):
-    """Computes logits and value of situations from planner features (``pacman_env.sim.observation.planner_features``).
+    """Computes logits and values of situations from planner features (``pacman_env.sim.observation.planner_features``).
 
     For ablations, ``dropped_features`` are candidate columns to ignore, and ``dropped_kinds`` are columns that mark
     candidates to forbid.
@@ -96,7 +96,10 @@ class EntityNetwork(nn.Module):
     def forward(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return logits (B, C), -1e8 if ``mask`` (B, C) is False, and values (B,), from (B, C, F) and (B, H)."""
+        """Return logits (B, C) and values (B,) for ``candidates`` (B, C, F) and ``whole`` (B, H), float32.
+
+        The logit of a candidate is -1e8 if ``mask`` (B, C) is False.
+        """
         situations, order = self.pack(candidates, whole, mask)
         logits, values = self.judge_packed(situations.of(slice(None)))
         padded = torch.full(mask.shape, FORBIDDEN, dtype=logits.dtype, device=logits.device)
@@ -105,7 +108,7 @@ class EntityNetwork(nn.Module):
     def pack(
         self, candidates: torch.Tensor, whole: torch.Tensor, mask: torch.Tensor
     ) -> tuple[PackedSituations, torch.Tensor]:
-        """Return the inputs in a layout that avoids needless computation, and the candidates' new order (B, C)."""
+        """Return the inputs of ``forward``, allowed candidates first, and the candidates' old numbers (B, C)."""
         for kind in self.dropped_kinds:
             mask = mask & (candidates[:, :, kind] < 0.5)
         counts, order = mask.sum(dim=1), torch.argsort(mask, dim=1, descending=True, stable=True)
@@ -130,10 +133,10 @@ class EntityNetwork(nn.Module):
 
     @staticmethod
     def _halves(layer: nn.Linear, inputs: int, shown: torch.Tensor | float = 1.0):  # type: ignore[no-untyped-def]
-        """Split a layer over [own numbers (B, C, n), context (B, m)] in two functions, one of each part.
+        """Split a layer whose inputs are own numbers (B, C, n) and a context (B, m) into one function for each.
 
-        The part of the context is then computed once per situation. n is ``inputs``, and ``shown`` (n,) scales the own
-        numbers.
+        The sum of their results is the layer's output, but the context is used only once per situation. ``inputs`` is
+        n, and ``shown`` (n,) scales the own numbers.
         """
         own, context = layer.weight[:, :inputs] * shown, layer.weight[:, inputs:]
         return partial(functional.linear, weight=own), partial(functional.linear, weight=context, bias=layer.bias)

@@ -3,8 +3,8 @@
 From random weights, PPO spends its first half million decisions on hiding from Clyde; imitation avoids this.
 
 The loop is: collect a rollout, compute advantages (GAE), update in minibatches. Situations are packed once, when they
-are collected (``network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for the cache
-of a processor. Gradients are added in the order of the chunks, so the number of threads does not change the result.
+are collected (``planner_network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for a
+processor's cache. Gradients are added in the order of the chunks, so the number of threads does not change the result.
 """
 
 import time
@@ -28,19 +28,19 @@ from pacman_env.training.planner_network import EntityNetwork, PackedSituations,
 from pacman_env.training.run_arguments import Hyperparameters
 from pacman_env.training.training_games import Ending
 
-#: Maps the rows of a chunk to its part of the minibatch's loss and of the metrics.
+#: Returns, for the rows of a chunk, the chunk's part of the minibatch's loss and metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 _CHUNK = 512  # situations of a minibatch that go through the network at once
 _METRICS = ("policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
-#: Imitation: rounds of play, epochs after each round, minibatch size, learning rate.
+#: Imitation: number of turns of playing and fitting, epochs of each turn, minibatch size, learning rate.
 _ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
 _ENTROPY = 0.1  # entropy coefficient of imitation, so that PPO can still explore
-_ENDINGS = 1000  # endings of earlier rollouts that count in the logged shares
+_ENDINGS = 1000  # most endings from which the logged shares are computed
 
 
 class Rollout(NamedTuple):
     situations: PackedSituations
-    slots: torch.Tensor  # (B,) chosen candidates, by their place in ``situations``
+    slots: torch.Tensor  # (B,) places of the chosen candidates in ``situations``
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
     advantages: torch.Tensor  # (B,)
@@ -48,20 +48,20 @@ class Rollout(NamedTuple):
 
 
 class PPO:
-    """A network with its optimizer and training; the seed decides its weights, ``sizes`` are as in EntityNetwork."""
+    """A network with its optimizer and training; ``seed`` decides the weights, ``sizes`` go to EntityNetwork."""
 
     def __init__(self, hyper: Hyperparameters, seed: int, device: str = "cpu", threads: int = 1, **sizes: Any) -> None:
         torch.manual_seed(seed)
         network = EntityNetwork(len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), **({"width": hyper.width} | sizes))
         self.network = network.to(device)
         self.optimizer = torch.optim.Adam(network.parameters(), hyper.learning_rate[0], eps=1e-5)
-        self.hyper, self.device, self.threads = hyper, device, threads  # 0 threads: one per core
-        self.decisions = 0  # decisions of PPO so far
+        self.hyper, self.device, self.threads = hyper, device, threads  # threads = 0: one per core
+        self.decisions = 0  # decisions that PPO has learned from so far
         self.logger = Logger(None, [])
         self._last_endings: deque[Ending] = deque(maxlen=100)
 
     def learn(self, games: Collector, decisions: int, seed: int, bar: Any) -> None:
-        """Run PPO for at least ``decisions`` more decisions, in new rounds of the games drawn from ``seed``."""
+        """Run PPO for at least ``decisions`` more decisions, in new rounds that ``seed`` decides."""
         first, start_s = self.decisions, time.perf_counter()
         games.reset(seed)
         outcomes: list[str] = []
@@ -130,7 +130,11 @@ class PPO:
     def _loss(
         self, rollout: Rollout, advantages: torch.Tensor, ent_coef: float, count: int, rows: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the PPO loss of the ``rows`` (M,) of a minibatch of ``count``, and their part of ``_METRICS``."""
+        """Return the loss of ``rows`` (M,) and their part of ``_METRICS`` (5,).
+
+        The rows belong to a minibatch of ``count`` situations; the sum over all its rows is the loss of the minibatch.
+        ``advantages`` (B,) are normalized.
+        """
         clip_range = self.hyper.clip_range
         logits, values = self.network.judge_packed(rollout.situations.of(rows))
         log_probs = logits.log_softmax(dim=1)
@@ -154,7 +158,7 @@ class PPO:
         size: int,
         generator: torch.Generator | None = None,
     ) -> torch.Tensor:
-        """Step the optimizer once per minibatch of ``size`` in all epochs; return the mean metrics of the minibatches.
+        """Step the optimizer once per minibatch of ``size`` situations in all epochs; return the mean metrics.
 
         ``make_loss`` creates the loss of a minibatch from its rows. ``counts`` (B,) are the numbers of allowed
         candidates; situations with similar numbers share a chunk.
@@ -180,20 +184,20 @@ class PPO:
 
 
 class _Labels(NamedTuple):
-    slots: torch.Tensor  # (B,) choices of the teacher, by their place in the situations
+    slots: torch.Tensor  # (B,) places of the teacher's choices in the situations
     returns: torch.Tensor  # (B,) discounted returns
     valid: torch.Tensor  # (B,) 1 if the return is complete, because the round ended
 
     def loss(
         self, model: PPO, packed: PackedSituations, count: int, rows: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the loss of some rows of a minibatch of ``count`` situations, without metrics."""
+        """Return the loss of ``rows`` (M,) of a minibatch of ``count`` situations, and no metrics (0,)."""
         situations, slots = packed.of(rows), self.slots[rows]
         logits, values = model.network.judge_packed(situations)
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
         value_loss = ((values - self.returns[rows]).square() * self.valid[rows]).sum()
-        allowed = slots < situations.counts  # an ablation may forbid the label: ignore it
+        allowed = slots < situations.counts  # ignore a label that an ablation forbids
         label_log_probs = log_probs.gather(1, torch.where(allowed, slots, 0)[:, None])[:, 0]
         return (0.5 * value_loss - (label_log_probs * allowed).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
 
@@ -201,9 +205,10 @@ class _Labels(NamedTuple):
 def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
     """Fit the network to the teachers' choices in ``decisions`` situations; ``seed`` decides the order of minibatches.
 
-    In the first of four rounds the teacher plays. In the others the network plays and the teacher labels the
+    In the first of four turns the teacher plays. In the others the network plays and the teacher labels the
     situations, so that the network also learns in situations that the teacher avoids (DAgger: Ross, Gordon, Bagnell,
-    2011). Returns the share of choices in the last round that agree.
+    2011). ``games_seed`` decides the rounds. Returns ``agreement``: the share of choices in the last turn in which
+    network and teacher agree.
     """
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
@@ -246,7 +251,7 @@ def _fit(
 def discounted(
     rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the discounted returns (T, N), and 1 if the round ends within the T steps, else 0."""
+    """Return the discounted returns (T, N), and a mask (T, N): 1 if the round ends within the T steps, else 0."""
     returns, valid = np.zeros_like(rewards), np.zeros_like(rewards)
     total, complete = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
     for t in reversed(range(len(rewards))):

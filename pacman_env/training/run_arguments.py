@@ -78,7 +78,7 @@ class Hyperparameters(Checked):
         require(batch > 1 != self.rollout % batch, "batch_size", batch, f"leaves a minibatch of 1 of {rollout}")
         object.__setattr__(self, "ghosts", tuple(checked(one, f"ghosts[{k}]") for k, one in enumerate(self.ghosts)))
         if len(self.lineups) > 1:
-            sub_batches(self.ghosts, self.games, self.levels)  # raises if they cannot be divided
+            sub_batches(self.ghosts, self.games, self.levels)  # raises ConfigError if the games cannot be divided
         learned = any(LEARNED in behaviours(one) for one in self.lineups)
         require(self.league_every > 0 or not learned, "league_every", 0, f"must be at least 1 with a ghost {LEARNED!r}")
         nodes, least = self.teacher_nodes, LEAST_NODES if any(map(searches, self.lineups)) else 0
@@ -95,13 +95,13 @@ class Hyperparameters(Checked):
         return self.games * self.n_steps
 
     def progress(self, decisions: int) -> float:
-        """Return the progress within a cycle, above 0 and at most 1, after this number of decisions."""
-        parts = min(decisions, self.decisions) * self.cycles  # in integers, to avoid rounding
+        """Return the progress within a cycle, above 0 and at most 1; no decisions count as the end of a cycle."""
+        parts = min(decisions, self.decisions) * self.cycles  # whole numbers, so that nothing is rounded
         return ((parts - 1) % self.decisions + 1) / self.decisions
 
     @property
     def segments(self) -> int:
-        """Return the number of segments, which have at least ``decisions`` decisions in total."""
+        """Return the number of segments that are needed for at least ``decisions`` decisions in total."""
         return -(-self.decisions // self.segment)
 
 

@@ -1,7 +1,7 @@
 """Accept or refuse requests by their token, Host and Origin.
 
 On a loopback address no token is needed: anyone with an account on this machine may play. The danger there is a page of
-another site in the same browser, which Host (a name that was made to resolve to this machine) and Origin reveal.
+another site in the same browser. Host (if a foreign name was made to resolve to this machine) and Origin reveal it.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from pacman_env.web.log import Log
 
 Kind = Literal["operator", "viewer"]
 
-OPEN = ("/health", "/static/")  # without a token
-#: Headers of every response: nothing from another site, nothing inline, not in a frame.
+OPEN = ("/health", "/static/")  # accessible without a token
+#: Headers of every response: the page loads nothing from other sites, has no inline code, and is not shown in a frame.
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "media-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
-    "referrer-policy": "no-referrer",  # the address has the token
+    "referrer-policy": "no-referrer",  # the address contains the token
     "cross-origin-resource-policy": "same-origin",
     "permissions-policy": "camera=(), microphone=(), geolocation=()",
 }
-#: On a loopback address only: elsewhere a browser obeys them over https only, and logs errors.
+#: Headers for loopback addresses: elsewhere a browser obeys them only over https, and otherwise logs errors.
 LOCAL_HEADERS = {"cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp"}
 
 
@@ -43,7 +43,7 @@ _NAME = re.compile(
     r"((?P<scheme>https?)://)?(?P<host>[a-z0-9._-]+|\[?[0-9a-f:]+\]?)(?P<port>:\d{1,5})?(?P<path>(/[\w.~-]+)*/?)",
     re.ASCII | re.IGNORECASE,
 )
-_DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # not in an origin
+_DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # browsers leave these out of the Origin header
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Name:
 
     @property
     def url(self) -> str:
-        """Return the address of the page behind the proxy, or an empty string if no proxy was named."""
+        """Return the address of the page behind the proxy, or an empty string if there is no proxy."""
         return f"{self.origin}{self.path}/" if self.origin else ""
 
 
@@ -96,7 +96,7 @@ class Tokens:
     def access(self, token: str | None) -> Kind | None:
         given = (token or "").encode()
         operator = hmac.compare_digest(given, self.operator.encode())
-        viewer = hmac.compare_digest(given, self.viewer.encode())  # always both: the time reveals nothing
+        viewer = hmac.compare_digest(given, self.viewer.encode())  # always compare both: the time reveals nothing
         return "operator" if operator else "viewer" if viewer else None
 
 
@@ -124,12 +124,12 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
 
 
 class AccessControl:
-    """Middleware that refuses requests. Accepted requests have ``access`` in their scope and no token."""
+    """Middleware that refuses requests. In accepted requests, ``access`` replaces the token in the scope."""
 
     def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
         names = tuple(names)
-        self._names = frozenset(name.host for name in names)  # in addition to the own address
+        self._names = frozenset(name.host for name in names)  # accepted in addition to the server's own address
         self._origins = frozenset(name.origin for name in names if name.origin)
         self._proxied = frozenset(host for name in names for host in (name.host, name.netloc) if name.origin)
         self._paths = tuple(f"{name.path}/" for name in names if name.path)

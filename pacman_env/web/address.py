@@ -6,7 +6,7 @@ import socket
 
 from pacman_env.web.access import Tokens
 
-_SEND_BUFFER = 1 << 17  # bytes; a slow reader gets newer frames
+_SEND_BUFFER = 1 << 17  # bytes; small, so that a slow reader gets newer frames
 _UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this time (Linux only)
 
 
@@ -44,7 +44,7 @@ def with_token(url: str, token: str) -> str:
 
 
 def own_address(family: int = socket.AF_INET) -> str | None:
-    """Return the address by which others reach this machine, if there is one; nothing is sent."""
+    """Return the address by which other machines reach this one, or None; nothing is sent."""
     there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses reserved for documentation
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:

@@ -11,29 +11,29 @@ _POINTS_S = 2.0  # how long points are shown
 
 
 class CaughtGhosts:
-    """Follows the times of a game's ghosts (``game/power.py``), which a simulator or a robot reports.
+    """Derives from the times of a game's ghosts (``game/power.py``) what the page shows of caught ghosts.
 
-    Neither tells where a ghost was caught, so the ghost's last place before counts.
+    The times do not tell where a ghost was caught. Therefore its last place before the catch is used.
     """
 
     def __init__(self, return_s: float, first_points: int) -> None:
         self.return_s, self.first_points = return_s, first_points  # see ``PowerConfig``
-        self.new: list[int] = []  # numbers of the ghosts caught since the update before
+        self.new: list[int] = []  # numbers of the ghosts caught between the last two updates
         self._streak = self._power_left = 0
-        self._catches: NDArray[np.float64] = np.zeros((0, 3))  # place and points of the last one by ghost, NaN: none
-        self._places: NDArray[np.float64] = np.zeros((0, 2))  # at the last update
-        self._away_until: NDArray[np.float64] = np.zeros(0)  # at the last update: s, until which each ghost is away
+        self._catches: NDArray[np.float64] = np.zeros((0, 3))  # (G, 3) x, y (m), points of the last; NaN: none
+        self._places: NDArray[np.float64] = np.zeros((0, 2))  # (G, 2), m, at the last update
+        self._away_until: NDArray[np.float64] = np.zeros(0)  # (G,) s: when each ghost returns, at the last update
 
     def update(
         self, places: NDArray[np.float64], until_s: NDArray[np.float64], now_s: float, power_left: int
     ) -> dict[str, Any]:
-        """Return the fields of a frame.
+        """Return the fields of a frame that show the ghosts.
 
         Args:
-            places: of the ghosts, (G, 2), m; a ghost that is away is at its spawn place.
-            until_s: times until which each ghost is harmless and away, (G, 2), s.
+            places: positions of the ghosts, (G, 2), m; a ghost that is away is at its spawn place.
+            until_s: for each ghost the times until which it is harmless and until which it is away, (G, 2), s.
             now_s: the time, s.
-            power_left: how many power pellets are left.
+            power_left: number of power pellets that are left.
         """
         if power_left != self._power_left:
             self._power_left, self._streak = power_left, 0

@@ -13,7 +13,7 @@ class Driving:
     def __init__(self) -> None:
         self.roles = Roles()
         self.goals: dict[str, int | None] = {}  # goals by role: the robot's candidate, a ghost's cell or FOLLOW
-        self.hand: tuple[float, float, float] | None = None  # velocities of the robot: v, omega, when
+        self.hand: tuple[float, float, float] | None = None  # v (m/s), omega (rad/s) by hand, and when (s)
 
     @property
     def plays_robot(self) -> bool:
@@ -45,7 +45,7 @@ class Driving:
             self.goals[role] = _ghost_goal(number, goal, played)
 
     def sent(self, played: PlayedRound) -> dict[int, int | None]:
-        """Return the cells to which people send ghosts, by number, for ``Orders``."""
+        """Return the cell (or FOLLOW, or None) to which a person sends each played ghost, by the ghost's number."""
         playable = self.roles.ghosts().keys() & played.ghost_roles
         return {number: self.goals.get(ghost_role(number)) for number in playable}
 

@@ -20,7 +20,7 @@ class Refused(ValueError):
 
 @dataclass(frozen=True)
 class Scene:
-    """Data that stay the same from frame to frame."""
+    """Data of a game that change seldom, and are therefore not in every frame."""
 
     revision: int  # counts up from 1; frames refer to it
     facts: dict[str, Any] = field(default_factory=dict)  # JSON values (docs/dev/web_protocol.md, "scene")
@@ -60,7 +60,7 @@ class Game(Protocol):
     def scene(self) -> Scene: ...
     def frame(self) -> Frame | None: ...  # None: nothing known yet
     def news(self, after: int) -> list[dict[str, Any]]: ...  # entries after a number, at most 100, oldest first
-    def watch(self, *, why: bool, lidar: bool) -> None: ...  # True if any page shows the terms or the lidar
+    def watch(self, *, why: bool, lidar: bool) -> None: ...  # whether any page shows terms, or the lidar
     def handle(self, person: str, message: Message) -> Any: ...  # ``data`` of the answer; Refused changes nothing
     def stop(self, person: str) -> None: ...  # stop the robot at once, until ``release``; may be repeated
     def release(self, person: str) -> None: ...

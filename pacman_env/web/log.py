@@ -13,7 +13,7 @@ class Log:
         self, write: Callable[[str], None], tokens: Iterable[str] = (), clock: Callable[[], float] = time.monotonic
     ):
         self._write, self._tokens, self._clock = write, tuple(tokens), clock
-        self._last: dict[str, tuple[float, int]] = {}  # by kind: time of the last line, number of omitted ones since
+        self._last: dict[str, tuple[float, int]] = {}  # by kind: time (s) of the last line, entries omitted since
 
     def add(self, kind: str, text: str) -> None:
         """Write one line, unless there was a line of its kind within the last minute."""

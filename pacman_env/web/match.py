@@ -27,15 +27,15 @@ from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, b
 
 _LOG = logging.getLogger(__name__)
 START_S = 2.0  # length of the start show; the robot's is longer
-_HOME_S = 2.0  # real time for showing the end of a round
-_STEPS = 64  # steps of a tick that frames distinguish
-_THEME_S = 6.0  # a shorter start show has a short melody, so that sounds of the round are heard
+_HOME_S = 2.0  # real time for which the end of a round is shown
+_STEPS = 64  # positions within a tick that frames distinguish
+_THEME_S = 6.0  # below this length, a start show has a short melody, which does not cover sounds of the round
 _LIVES = 3  # lives of a person who plays the robot
-_HIDDEN_TICKS = 6  # ticks, enough for the planner to plan and for goals to begin
+_HIDDEN_TICKS = 6  # enough for a plan and the begin of goals
 
 
 class Match:
-    """A sequence of rounds. ``lock`` protects the shown state; it is not held while a round is played or prepared."""
+    """A sequence of rounds. ``lock`` protects the shown state, but is released while a round is played or prepared."""
 
     def __init__(
         self,
@@ -59,14 +59,14 @@ class Match:
         self._choices, self._rules, self._news, self._lock = choices, rules, news, lock
         self._seeds = np.random.default_rng(seed)
         self._next_seed: int | None = seed
-        self._clock_s = 0.0  # simulated, shows included
-        self._home_due_s: float | None = None  # real time
+        self._clock_s = 0.0  # simulated time, shows included
+        self._home_due_s: float | None = None  # real time at which the robot is at home
         self._clyde_mps: float | None = None
         self._controller = RoundController(config.clyde, show, config.power)
         self._gained = 0  # points gained in the last tick
         self._lives = _LIVES
-        self._retry: tuple[int, int, int] | None = None  # round, score and seed of a person's next try
-        self._shown: tuple[Frame, Frame] | None = None  # the snapshots of the last two ticks
+        self._retry: tuple[int, int, int] | None = None  # round, score and seed if a person tries a round again
+        self._shown: tuple[Frame, Frame] | None = None  # snapshots before and after the last tick
         self._number = 0  # number of the frame
         self._key: Any = None  # everything that decides the content of the frame; a change gives the frame a new number
 
@@ -207,7 +207,7 @@ class Match:
         return [dict(zip(("name", "state", "words", "remedy"), row, strict=True)) for row in rows]
 
     def lay_out(self, seed: int | None = None) -> None:
-        """Prepare a new round in the menu, or the round of ``seed`` again. Refused leaves the former round."""
+        """Prepare a new round in the menu, or the round of ``seed`` again. After Refused, the former round remains."""
         speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
@@ -259,7 +259,7 @@ class Match:
                 self._shown = played.snapshots[-1], played.snapshots[-1]  # nothing moves
                 return
             orders = self.driving.orders(played)
-        played.step(orders)  # without the lock, so that people are answered meanwhile
+        played.step(orders)  # without the lock, so that requests are answered meanwhile
         with self._lock:
             if played is self.round:
                 self.clock.begin(due_s)
@@ -287,7 +287,7 @@ class Match:
                 if self._lives > 0:
                     self._retry = self._controller.round, self._controller.score, played.seed
             self._act(self._controller.status("death_detected", self._clock_s))
-        elif self.state == "running":  # the time limit, which the referee on a robot does not have
+        elif self.state == "running":  # the time limit, which a robot's referee does not know
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
             self.reset()
 
@@ -324,10 +324,10 @@ class Match:
                     self._to_menu()
             if self.state == state:
                 return
-            if self.state == "starting":  # a round without pellets would not begin
+            if self.state == "starting":  # a referee begins no round without pellets
                 played = self.require_round()
                 ids = played.assets.pellet_ids
-                for _ in range(2):  # both reports are of this round
+                for _ in range(2):  # both reports are about this round
                     power = ids[played.power_pellets].tolist()
                     self._act(self._controller.pellets_left(ids.tolist(), self._clock_s, power))
                 self.clock.begin(time.monotonic())

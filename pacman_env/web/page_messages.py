@@ -16,7 +16,7 @@ ClydeMps = Annotated[float, Meta(ge=0.05, le=2.0)]  # m/s in round 1
 
 
 class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="do", tag=str.lower):
-    id: int = 0  # other than 0: requests an answer with this id
+    id: int = 0  # the answer gets this id; 0: no answer
 
 
 class Start(Message, frozen=True): ...
@@ -84,7 +84,7 @@ class Role(Message, frozen=True):
 
 
 class Goal(Message, frozen=True):
-    """A goal for the sender's role: a candidate (-1: hold), a place, or for a ghost the robot."""
+    """A goal for the sender's role: a candidate (-1: hold), a place, or the robot (for a ghost)."""
 
     candidate: Annotated[int, Meta(ge=-1, lt=65536)] | None = None
     follow: bool = False  # follow the robot
@@ -93,7 +93,7 @@ class Goal(Message, frozen=True):
 
 
 class Drive(Message, frozen=True):
-    """Velocity command, m/s and rad/s; the robot stops 0.5 s after the last one."""
+    """Velocity command, m/s and rad/s; the robot stops 0.5 s after the last command."""
 
     v: Annotated[float, Meta(ge=-10, le=10)]
     omega: Annotated[float, Meta(ge=-10, le=10)]
@@ -133,13 +133,13 @@ class Ready(Message, frozen=True): ...  # list the readiness checks
 class Ping(Message, frozen=True): ...
 
 
-MOST_BYTES = 16_384  # per message; maps are uploaded over HTTP
-FOR_ALL = (Stop, Watch, Why, Stories, Ready, Ping)  # allowed to viewers too
+MOST_BYTES = 16_384  # largest message; maps are uploaded over HTTP
+FOR_ALL = (Stop, Watch, Why, Stories, Ready, Ping)  # viewers may send these, too
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, Message.__subclasses__()))
 
 
 def parse(text: str | bytes) -> Message:
-    """Parse a message; raises ValueError, which tells the position, for invalid text."""
+    """Parse a message; raises ValueError with the place of the error if the text is invalid."""
     if len(text) > MOST_BYTES:
         raise ValueError(f"a message of {len(text)} bytes: at most {MOST_BYTES}")
     try:

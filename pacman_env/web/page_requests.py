@@ -14,7 +14,7 @@ from pacman_env.web.page_messages import Message, as_json
 from pacman_env.web.roles import ROBOT, RoleControl
 from pacman_env.web.viewers import Viewer
 
-MOST_THREADS = 32  # requests that wait for the game
+MOST_THREADS = 32  # most requests that the game handles at the same time
 STOPPED_AGAIN = "stopped again meanwhile"
 #: Messages that operators may send without control; other messages that are not for everyone need control.
 _FREE = (page_messages.Control, page_messages.Role, page_messages.Goal, page_messages.Drive)
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 async def in_thread(limit: asyncio.Semaphore, work: Callable[..., T], *arguments: Any) -> T:
-    """Return the result of ``work`` from a daemon thread, which does not keep the process alive."""
+    """Run ``work`` in a daemon thread, which does not keep the process alive, and return the result."""
     result: Future[T] = Future()
     result.set_running_or_notify_cancel()
 

@@ -32,13 +32,13 @@ _RANGE_M = (0.15, 12.0)  # RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
 _KEPT = 10
-_NEAR_M = 1.0  # largest distance of a candidate from a click
-FOLLOW = -1  # instead of a ghost's cell: follow the robot
+_NEAR_M = 1.0  # largest distance from a click to its candidate
+FOLLOW = -1  # in place of a ghost's cell: follow the robot
 
 
 @dataclass
 class Orders:
-    """Orders of people for the next tick; candidates have the numbers of the page."""
+    """Orders of people for the next tick; candidates are numbered as on the page."""
 
     robot: bool = False  # a person plays the robot instead of its policy
     goal: int | None = None  # the person's candidate; None: hold
@@ -66,11 +66,11 @@ class PlayedRound:
         self._source = source
         self._policies = [make_policy(name) for name in policies]
         self.situations: list[Situation] = []  # at the start of each tick
-        self.choices: list[list[int]] = []  # (T, 3), with numbers of the page: robot's goal, choice of each policy
+        self.choices: list[list[int]] = []  # (T, 3) goal and each policy's choice, page numbers
         self.by_person = False
         self.placed = False  # a person has placed a ghost
-        self.baseline: PlayedRound | None = None  # the policy's round next to the person's
-        self._sent: Mapping[int, int | None] = {}  # ghosts of the last orders
+        self.baseline: PlayedRound | None = None  # the policy's own round, while a person plays
+        self._sent: Mapping[int, int | None] = {}  # ``ghosts`` of the last orders
         self.batch = batch = GameBatch(source, self.config, 1)
         batch.reset(_ONE, np.array([seed], dtype=np.uint64))
         for policy in (*self._policies, *self._ghosts.values()):
@@ -82,7 +82,7 @@ class PlayedRound:
         self._situation = batch.situation()
         self.power_pellets = self.assets.power_pellets(config.power.pellets)[: self.assets.pellets]  # mask (P,)
         self.caught = CaughtGhosts(config.power.return_s, config.power.ghost_points)
-        self.snapshots = [self._snapshot()]  # before the first tick, and after each
+        self.snapshots = [self._snapshot()]  # before the first tick and after each tick
 
     @property
     def ticks(self) -> int:
@@ -119,7 +119,7 @@ class PlayedRound:
         return self.over or bool(self.batch.games["streak"][0] < len(self.caught.new))
 
     def nearest(self, x: float, y: float) -> int | None:
-        """Return the allowed candidate nearest to (x, y), m, or None if there is none within 1 m."""
+        """Return the allowed candidate nearest to (x, y), m, or None if no candidate is within 1 m."""
         places = self.assets.goal_xy
         distance = np.hypot(places[:, 0] - x, places[:, 1] - y)
         distance[~self._situation.mask[0, self._numbers[:-1]]] = np.inf
@@ -132,7 +132,10 @@ class PlayedRound:
         return cells.nearest(x, y, int(cells.part[current]))[0]
 
     def ghost_goals(self, sent: Mapping[int, int | None], robot: Pose | None) -> NDArray[np.float64]:
-        """Return the targets (G, 2), m, to which people have sent ghosts (NaN: none), such as the robot's position."""
+        """Return the places to which people have sent ghosts: (G, 2), m.
+
+        NaN: not sent. The place of a ghost that follows the robot is ``robot``.
+        """
         goals = np.full((len(self._behaviours), 2), np.nan)
         for number, cell in sent.items():
             if cell == FOLLOW and robot is not None:
@@ -252,7 +255,7 @@ class PlayedRound:
         return np.where(ranges >= _RANGE_M[1], np.nan, ranges.astype(float))
 
     def why(self, tick: int) -> dict[str, Any]:
-        """Return the terms of the candidates at a tick; this replays the policies from the first tick."""
+        """Return the terms of the candidates at a tick, by a replay of the policies from the first tick."""
         situation = [*self.situations, self._situation][tick]
         policies = [make_policy(name) for name in self.names]
         for policy in policies:
@@ -288,7 +291,7 @@ class PlayedRound:
 
 
 def _choice(policy: Policy, situation: Situation, hold: int) -> int:
-    """Return a policy's choice for one game; a user's policy that fails holds, because others use the page too."""
+    """Return a policy's choice for one game; if a user's policy fails, hold, because other people use the page, too."""
     try:
         return int(choose(policy, situation)[0])
     except PolicyError:

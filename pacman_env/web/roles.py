@@ -50,10 +50,10 @@ class RoleControl:
 
     def __init__(self) -> None:
         self.operator: str | None = None
-        self.asking: list[str] = []  # people who requested control, in order
+        self.asking: list[str] = []  # people who have requested control, in order
         self.roles = Roles()
-        self.gone: dict[str, float] = {}  # time of leaving, by person whose control or role is kept or claimed
-        self._claims: dict[str, tuple[bool, str | None]] = {}  # whether a person who is gone had control, and the role
+        self.gone: dict[str, float] = {}  # by absent person: when the person left, s
+        self._claims: dict[str, tuple[bool, str | None]] = {}  # by absent person: had control, role
 
     def came(self, person: str) -> None:
         self.gone.pop(person, None)

@@ -24,7 +24,7 @@ STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
 UPLOAD_S = 20.0
 
-for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the list of the system may be wrong
+for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
     mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
 mimetypes.add_type("image/svg+xml", ".svg")
 
@@ -122,7 +122,7 @@ class Routes:
 
 
 async def _body(request: Request) -> bytes | None:
-    """Return the body, or None if it is too large; it is read to the end, so that the page receives the answer."""
+    """Return the body, or None if it is too large; the whole body is read, so that the page receives the answer."""
     body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)

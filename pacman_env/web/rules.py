@@ -23,7 +23,7 @@ from pacman_env.world.map_check import check_map
 from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, read_map, shipped_maps
 
 GENERATED = "generated"
-#: Groups of the configuration that the form shows; the page has other places for the rest, or only learners need it.
+#: Groups of the configuration in the page's form. Other groups are elsewhere on the page, or only learners need them.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "power", "execution", "refuges")
 _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
@@ -83,7 +83,7 @@ class Choices:
         }
 
     def _preset(self, name: str) -> dict[str, Any]:
-        """Return the ghosts of a preset, and its settings that differ from their defaults."""
+        """Return the ghosts of a preset, and the preset's settings that differ from the defaults."""
         config = make_config(name)
         changed = {one.name: config.value(one.name) for one in self._settings if config.value(one.name) != one.value}
         return {"ghosts": config.clyde.ghosts, "settings": changed}

@@ -192,7 +192,7 @@ class Sessions:
             self._spawn(self._take_turn(viewer, message, self.requests.stops))
 
     async def _stop(self, viewer: Viewer) -> None:
-        """Stop the game. All stops that arrive while it is being stopped are handled together by one more call."""
+        """Stop the game. Stops that arrive during the call are handled together by one more call."""
         while viewer.stops:
             stops, viewer.stops = viewer.stops, []
             refusal = await self._attempt("a stop", in_thread(self._stop_threads, self._game.stop, viewer.name))
@@ -201,7 +201,7 @@ class Sessions:
         viewer.is_stopping = False
 
     async def _take_turn(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Handle messages in order, one at a time; drop the waiting ones when the page disconnects."""
+        """Handle a message when its turn comes, one at a time and in order; drop it if the page has disconnected."""
         async with viewer.turn:
             viewer.waiting -= 1
             if viewer.gone_s is not None:
@@ -213,7 +213,7 @@ class Sessions:
                 await self._attempt("a person left", self.requests.in_thread(self._game.leave, viewer.name))
 
     async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
-        """Call the game; return the words of a failure, or an empty string after success."""
+        """Await ``work``, a call of the game; return the text of its failure, or an empty string after success."""
         try:
             await work
         except Refused as refused:

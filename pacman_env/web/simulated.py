@@ -20,7 +20,7 @@ from pacman_env.web.rules import Choices, Rules
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 300.0  # longest wait for an answer: kernels may have to be compiled
 _LONG = (page_messages.Setup, page_messages.ClydeSpeed, page_messages.Compare)  # prepare a map, or play a round
-_WHY_S = 0.25  # interval of sending the terms
+_WHY_S = 0.25  # time between two messages with terms
 
 
 class SimulatedGame:
@@ -151,7 +151,10 @@ class SimulatedGame:
             answer.set_exception(error)
 
     def _ask(self, what: Callable[[], Any], waits: bool) -> Any:
-        """Run ``what`` in the game's thread between two ticks; with ``waits``, frames and STOP continue meanwhile."""
+        """Run ``what`` in the game's thread between two ticks, and return its result.
+
+        With ``waits``, frames and STOP continue while it runs.
+        """
         if self._closed:
             raise Refused("the simulated game has ended")
         answer: Future[Any] = Future()

@@ -22,7 +22,7 @@ from pacman_env.web.scene import scene_facts
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes 20 to 60 s."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
-#: Fields that change when a tick begins. Others change when it is over: a pellet is shown until it is reached.
+#: Fields that change at the start of a tick. The others change at its end: a pellet is shown until it is reached.
 _EARLY = ("goal", "velocity", "ghost_goals", "scores", "plan")
 
 
@@ -31,9 +31,9 @@ class TickClock:
 
     def __init__(self, speed: float) -> None:
         self.speed = speed
-        self.tick_s = 0.5  # simulated
+        self.tick_s = 0.5  # simulated time
         self.paused = self.stopped = False
-        self._share = 0.0  # share of the tick at the last change
+        self._share = 0.0  # share of the tick that was over at the last change
         self._changed_s = time.monotonic()
 
     @property
@@ -45,7 +45,7 @@ class TickClock:
         return self._changed_s + (1.0 - self._share) * self.tick_s / self.speed
 
     def share(self, real_s: float) -> float:
-        """How much of the last tick is over, 0 to 1."""
+        """Return the share of the last tick that is over (0 to 1) at the real time ``real_s``."""
         ran_s = 0.0 if self.is_held else max(real_s - self._changed_s, 0.0)
         return min(self._share + ran_s * self.speed / self.tick_s, 1.0)
 
@@ -68,11 +68,11 @@ class TickClock:
 
 
 class FeedbackPlayer:
-    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real, s."""
+    """Play lights, sounds and motions by the robot's rules for one game, as news; times are real time, s."""
 
     def __init__(self, show: ShowConfig, news: News) -> None:
         self.armed = False
-        self.turned = 0.0  # rad, by motions
+        self.turned = 0.0  # angle by which motions have turned the robot, rad
         self.ring = LightRing(LIGHTS, show)
         self._show, self._news = show, news
         self._sounds = SoundQueue(SOUNDS)
@@ -138,9 +138,10 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     power_pellets = np.flatnonzero(played.power_pellets).tolist()
     if played.level is not None:
         linked = replace(linked, level=played.level)
-    if power_pellets:  # later rounds have a shorter time
+    if power_pellets:  # the time is shorter in later rounds
         linked = replace(linked, settings={**rules.settings, "power.duration_s": config.power.duration_s})
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)  # names and numbers decide everything
+    # Without interventions, the names and numbers decide the whole round.
+    reproducible = not (played.placed or played.by_person or played.ghost_roles)
     height, width = assets.occupancy.grey.shape
     facts = {
         **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),

@@ -16,11 +16,11 @@ from pacman_env.web.page_messages import Message, as_json
 from pacman_env.web.vocabulary import vocabulary
 
 MOST_TEXTS = 64  # queued texts per viewer
-MOST_BYTES = 4 << 20  # size of the queued texts
+MOST_BYTES = 4 << 20  # most bytes of queued texts per viewer
 MESSAGES_PER_S = 50.0  # per viewer; also the largest burst
-PATIENCE = 250  # messages above the rate before the connection is closed
+PATIENCE = 250  # messages above the rate after which the connection is closed
 MOST_PICTURES = 4  # pictures of the last scenes
-MORE_OPERATORS = 10  # above the limit of viewers, so that a crowd does not keep operators out
+MORE_OPERATORS = 10  # places for operators beyond the limit of viewers
 
 
 class Outbox:
@@ -48,7 +48,7 @@ class Outbox:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
-        """Replace everything that waits by a last message ``bye`` with these words."""
+        """Replace all waiting texts and frames by a last message ``bye`` with these words."""
         if not self.why_ended:
             self._texts = deque([as_json({"kind": "bye", "words": words})])
             self._frame = None
@@ -72,7 +72,7 @@ class Outbox:
 class Viewer:
     """One connection of a page; a page that reconnects with its key keeps the name of the person."""
 
-    name: str  # shown to the others
+    name: str  # shown to other people
     access: Kind
     turn: asyncio.Lock = field(default_factory=asyncio.Lock)  # turn of the person: one message is handled at a time
     outbox: Outbox = field(default_factory=Outbox)
@@ -80,10 +80,10 @@ class Viewer:
     is_fresh: bool = True  # nothing has been sent yet
     why: bool = False  # the page shows the terms
     lidar: bool = False
-    gone_s: float | None = None  # when the page disconnected
+    gone_s: float | None = None  # time when the page disconnected, s
     is_replaced: bool = False  # True: replaced by another connection of the same person
     waiting: int = 0  # messages that wait for their turn
-    stops: list[Message] = field(default_factory=list)  # messages that wait for the current one
+    stops: list[Message] = field(default_factory=list)  # STOP messages to answer once the current stop is done
     is_stopping: bool = False
     leaving: asyncio.Task[str] | None = None
     _allowance: float = MESSAGES_PER_S  # messages; negative: above the rate
@@ -133,7 +133,7 @@ class Audience:
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
-        self._news: int | None = None  # number of the last sent news; None: send only future news
+        self._news: int | None = None  # number of the news sent last; None: send only future news
         self._people_text = ""
         self._watched = (False, False)
 

@@ -21,7 +21,7 @@ STATES = {
 SIMULATED_STATES = STATES | {"returning_home": "Preparing the next round"}
 RESULTS = {end.word: end.meaning.capitalize() for end in ENDS[RUNNING + 1 :]}
 
-#: Plain name, unit, and how much of the unit 1 is, for the terms that policies explain.
+#: By term of a policy: plain name, unit, and the amount of the unit that the term's value 1 means.
 TERMS = {
     "score": ("score", "", 1),
     "probability": ("probability", "%", 100),

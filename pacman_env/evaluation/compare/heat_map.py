@@ -1,4 +1,4 @@
-"""Draw the completion of all policies in all cells of a suite as an SVG picture."""
+"""Draw the completion rates of all policies in all cells of a suite as an SVG picture."""
 
 import itertools
 from collections.abc import Iterator, Sequence

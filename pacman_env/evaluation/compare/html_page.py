@@ -21,9 +21,9 @@ _END_NAMES = {end.letter: end.name for end in ENDS}
 
 
 def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, poster: bytes | None) -> str:
-    """Return the page of the results of a comparison; all text in it is escaped.
+    """Return the HTML page of a comparison's results; all text in the page is escaped.
 
-    The plot (PNG), the film and its poster (PNG) are part of the page. A suite has a heat map instead of a plot.
+    The page contains the plot (PNG), the film and the film's poster (PNG). A suite has a heat map instead of a plot.
     """
     rows = content["rows"]
     if content["suite"]:
@@ -104,7 +104,7 @@ def _outcome(row: Row, number: int) -> dict[str, Any]:
 
 
 def _plain(text: str) -> str:
-    """Return a text of a Markdown page without its marks."""
+    """Return Markdown text without the Markdown marks."""
     return text.replace("`", "").replace("*", "")
 
 

@@ -32,7 +32,7 @@ class LeagueTable(NamedTuple):
 
 
 def cells_of(rows: Sequence[Row]) -> list[list[Row]]:
-    """Return the rows of each cell, which has one row for each policy."""
+    """Return one list of rows for each cell; the list has a row for each policy."""
     return [list(g) for _, g in itertools.groupby(rows, key=lambda row: (row["group"], *row["ghosts"], place_of(row)))]
 
 
@@ -52,7 +52,7 @@ def place_of(row: Row) -> str:
 
 
 def headline(rows: Sequence[Row]) -> str:
-    """Return in how many cells the first policy is better or worse than the best other one."""
+    """Return a sentence: in how many cells the first policy is better or worse than the best other policy."""
     verdicts = [against_best(cell)[0] for cell in cells_of(rows) if len(cell) > 1]
     counts = ", ".join(f"{one} in {verdicts.count(one)}" for one in ("better", "not different", "WORSE"))
     cells = _count(len(cells_of(rows)), "cell")
@@ -61,9 +61,9 @@ def headline(rows: Sequence[Row]) -> str:
 
 
 def against_best(cell: Sequence[Row]) -> tuple[str, str]:
-    """Compare the first policy with the best of the others, which has the highest completion rate.
+    """Compare the first policy with the best other policy, which has the highest completion rate of the others.
 
-    Return the verdict on the first policy, and the difference of the two rates with its interval.
+    Return the verdict on the first policy, and its rate minus the best other rate, with the difference's interval.
     """
     best = max(cell[1:], key=lambda row: row["completion_rate"])
     low, high = (-limit for limit in reversed(best["paired_ci"]))
@@ -72,7 +72,10 @@ def against_best(cell: Sequence[Row]) -> tuple[str, str]:
 
 
 def means(rows: Sequence[Row]) -> LeagueTable:
-    """Return the mean and least completion of each policy over the cells of a group, which have equal weights."""
+    """Return a table with the mean and the lowest completion rate of each policy in each group of maps.
+
+    Every cell (a line-up of ghosts at one speed) counts equally. The table also names the cell of the lowest rate.
+    """
     texts = []
     for group, cells in groups_of(rows).items():
         for of_policy in zip(*cells, strict=True):
@@ -84,7 +87,7 @@ def means(rows: Sequence[Row]) -> LeagueTable:
 
 
 def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
-    """Return the table of the cells of one group: completion of all policies, and the verdict on the first one."""
+    """Return a table of one group's cells: completion rates of all policies, and the verdict on the first policy."""
     names = [f"`{row['policy']}`" for row in cells[0]]
     compared = len(names) > 1
     rows = []
@@ -147,7 +150,7 @@ def render(content: dict[str, Any], picture: str) -> str:
 
 
 def markdown(table: LeagueTable) -> str:
-    """Return a Markdown table with an aligned source."""
+    """Return the table as Markdown, whose source text has aligned columns."""
     clean = [[cell.replace("|", "\\|") for cell in row] for row in table.rows]
     head, *rows = padded([table.head, *clean], table.align, least=3)
     rule = ["-" * (len(cell) - 1) + ("-" if side == "l" else ":") for cell, side in zip(head, table.align, strict=True)]

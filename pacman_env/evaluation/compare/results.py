@@ -71,7 +71,7 @@ def as_json(content: dict[str, Any]) -> str:
 
 
 def command(arguments: argparse.Namespace, parser: Parser) -> str:
-    """Return the command that repeats the rounds, without options that do not affect them."""
+    """Return the command that repeats the rounds, without options that do not affect the rounds."""
     words = ["pacman-env", "compare"]
     for name, value in without_executor(arguments).items():
         if name in _OUTPUTS or value == parser.get_default(name):

@@ -14,7 +14,7 @@ _Cell = Callable[[Row], str]
 
 
 def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
-    """Return a policy's name, shortened to its end if it is a long path."""
+    """Return a policy's name; of a long path, only the end, in ``width`` characters."""
     return policy if len(policy) <= width else "…" + policy[1 - width :]
 
 
@@ -31,9 +31,10 @@ def group_title(row: Row) -> str:
 
 
 def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> str:
-    """Return the table of all rows; columns beyond ``width`` characters follow below, again with the policies.
+    """Return the table of all rows.
 
-    With ``power`` (the game has power pellets) there is a column of the ghosts caught.
+    Columns that do not fit in ``width`` characters follow below, with the policies repeated. ``power`` (the game has
+    power pellets) adds a column with the caught ghosts.
     """
     tables = [table_of(group, power=power) for group in groups(rows)]
     header, *texts = padded([tables[0][0], *itertools.chain.from_iterable(cells for _, cells in tables)])
@@ -55,7 +56,7 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
 
 
 def padded(lines: Sequence[Sequence[str]], align: str = "", least: int = 0) -> list[list[str]]:
-    """Return the cells of a table in columns of equal width, at least ``least``.
+    """Pad the cells of a table so that the cells of each column have the same width, at least ``least`` characters.
 
     ``align`` contains l or r for each column; without it only the first column is aligned to the left.
     """
@@ -71,7 +72,7 @@ def padded(lines: Sequence[Sequence[str]], align: str = "", least: int = 0) -> l
 
 
 def table_of(group: Sequence[Row], *, power: bool = False) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the lines of the table of one map and speed, whose first column is the policy."""
+    """Return the header and the lines of the table of one map and speed; the first column contains the policies."""
     columns = {
         **_POLICY, **(_ENDLESS if group[0]["kind"] == "endless" else _ROUND), **(_GHOSTS if power else {}), **_ENDS
     }  # fmt: skip

@@ -17,7 +17,7 @@ from pacman_env.executors.executor import Executor
 from pacman_env.sim.core import compile_ahead
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-_LARGEST_PIECE = 200  # rounds: enough pieces to keep processes busy, and few rounds lost with a process
+_LARGEST_PIECE = 200  # most rounds of a piece: keeps processes busy, and few rounds are lost with a process
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class Matchup:
     config: Config
     policy: str
     seeds: NDArray[np.uint64]
-    threads: int = 1  # threads per process
+    threads: int = 1  # threads in each process
 
 
-#: Records of rounds (``EPISODE``) and decision times in ms, as returned by ``play``.
+#: Records (E,) of rounds, of type ``EPISODE``, and decision times (T,), ms, as ``play`` returns them.
 Played = tuple[NDArray, NDArray[np.float64]]
 
 
@@ -51,8 +51,8 @@ def play_all(
 ) -> list[Played]:
     """Return the rounds of every matchup, in the order of the matchups.
 
-    ``on_end`` receives the number of rounds that have just ended; ``on_piece`` receives the number of a matchup and a
-    piece of its rounds as soon as the piece is played.
+    ``on_end`` is called with the number of rounds that have just ended. ``on_piece`` is called with the number of a
+    matchup and the results of a piece of its rounds as soon as the piece is played.
     """
     pieces = _pieces(matchups, executor.workers)
     records = [np.empty(len(matchup.seeds), dtype=EPISODE) for matchup in matchups]
@@ -72,7 +72,7 @@ def play_all(
 def _pieces(matchups: Sequence[Matchup], workers: int) -> list[tuple[int, NDArray[np.int64]]]:
     """Return pieces of work: the number of a matchup, and the numbers of its rounds.
 
-    Pieces of all matchups on the same generated levels are adjacent, while these levels are cached.
+    Pieces of all matchups on the same generated levels follow each other, so that these levels are still cached.
     """
     pieces: list[tuple[int, NDArray[np.int64]]] = []
     for scenario, group in itertools.groupby(enumerate(matchups), key=lambda numbered: numbered[1].scenario):

@@ -34,8 +34,8 @@ T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
 _SPLITS = ("train", "test")
 _POLICY_FILES = (".onnx", ".zip")
-_CACHED_LEVELS = 100  # about 4 MB each
-_LEVELS_PER_PART = 80  # on average, as parts have equally many rounds, not levels
+_CACHED_LEVELS = 100  # most cached levels of a process, about 4 MB each
+_LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of levels
 
 
 @dataclass(frozen=True)
@@ -43,14 +43,14 @@ class Levels:
     """Generated houses of one split, which count as one map; each round's seed draws one house."""
 
     split: str  # "test" or "train"
-    start: int | None = None  # number of the first level, None: first of the split
+    start: int | None = None  # number of the first level; None: the split's first level
     count: int = LEVELS_PLAYED
 
     def open(self, config: Config) -> GeneratedMaps:
         return _CachedMaps.named(f"generated:{self.split}", config, self.start, self.count)
 
 
-#: Name of a map, a YAML file, or levels.
+#: Generated levels, or a map: its name or YAML file.
 Scenario = str | Levels
 
 
@@ -60,7 +60,7 @@ class _CachedMaps(GeneratedMaps):
         return self.prepare(self.start_level).assets
 
     def prepare(self, level: int) -> Level:
-        # The configurations of a comparison differ in these fields, which do not affect a map.
+        # Fields in which the configurations of a comparison differ; they do not affect a map.
         changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ("wander",), "endless": False}
         return _prepared(level, self._config.with_fields(**changes))
 
@@ -121,7 +121,7 @@ def scenario_name(scenario: Scenario, config: Config) -> str:
 
 
 def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Return plain data that identifies the scenario in a result file; for levels, with the hash of the first."""
+    """Return plain data that identifies a scenario in a result file; for levels with the hash of the first level."""
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}
@@ -167,7 +167,7 @@ def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
     add_game_option(parser, "--set")
 
 
-#: Configuration field of each option of :func:`add_game_arguments` that is None unless it is given.
+#: By option of :func:`add_game_arguments` whose default is None: the field of the configuration that it sets.
 GAME_FIELDS = {
     "clyde_spawn": "clyde.spawn",
     "clyde_spawn_distance": "clyde.spawn_distance_m",
@@ -178,7 +178,7 @@ GAME_FIELDS = {
 
 
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """Add the arguments for scenarios and rules; without ``several``, --map and --clyde-speed are lists of one."""
+    """Add the arguments for scenarios and rules; without ``several``, --map and --clyde-speed take one value each."""
     add_scenario_arguments(parser, several=several)
     add_rule_arguments(parser)
     add = parser.add_argument
@@ -258,14 +258,14 @@ def is_checkpoint(spec: str) -> bool:
 
 
 def named_policies(specs: Sequence[str]) -> dict[str, str]:
-    """Return the names in results by spec, without duplicates; raises ValueError if a policy cannot be created."""
+    """Return by spec the policy's name in results, without duplicates; ValueError if a policy cannot be created."""
     for spec in specs:
         load_policy(spec)
     return result_names(specs)
 
 
 def result_names(specs: Sequence[str]) -> dict[str, str]:
-    """Return a unique name for each spec: the stem of a file if no other has it, else the spec itself."""
+    """Return a unique name for each spec: a file's stem if no other spec has the same stem, else the spec itself."""
     whole = {spec: displayable(spec) for spec in specs}
     short = {spec: Path(n).stem if n.lower().endswith(_POLICY_FILES) else n for spec, n in whole.items()}
     names = list(short.values())

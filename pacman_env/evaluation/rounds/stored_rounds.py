@@ -53,10 +53,10 @@ class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StoredRounds:
-    """Rounds of matchups, of which some are stored in a folder and the others are left to play."""
+    """Rounds of matchups; some rounds are stored in a folder, and the others still have to be played."""
 
     def __init__(self, folder: Path, matchups: Sequence[Matchup], resume: bool) -> None:
-        """Read the stored rounds if ``resume``; report damaged files on stderr. Raises OSError or ValueError."""
+        """Read the stored rounds if ``resume``, and report damaged files on stderr; raises OSError or ValueError."""
         prepare(folder / "part.json")
         self._folder, self._matchups, self._commit = folder, matchups, commit()
         describe = _Descriptions()
@@ -106,7 +106,10 @@ class StoredRounds:
 def play_left(
     folder: Path, matchups: Sequence[Matchup], arguments: argparse.Namespace, unit: str = "round"
 ) -> list[Played]:
-    """Return the rounds of every matchup; the command's executor plays those that ``folder`` lacks, with a bar."""
+    """Return the rounds of every matchup; the command's executor plays the rounds that are not stored in ``folder``.
+
+    A progress bar counts in ``unit``.
+    """
     store = StoredRounds(folder, matchups, arguments.resume)
     if arguments.resume:
         total = sum(len(one.seeds) for one in matchups)
@@ -117,14 +120,14 @@ def play_left(
 
 
 class _Descriptions:
-    """Describes matchups; policies, ghosts and maps, which many matchups share, are read once."""
+    """Describes matchups; a policy, ghost or map that several matchups share is read only once."""
 
     def __init__(self) -> None:
         self._policy, self._ghost = cache(_describe_spec), cache(describe_ghost)
         self._maps: dict[Any, dict[str, Any]] = {}
 
     def matchup(self, one: Matchup) -> dict[str, Any]:
-        """Return plain data of everything that decides the rounds of a matchup except their seeds."""
+        """Return plain data with everything that decides the rounds of a matchup, except the seeds."""
         return {
             "version": __version__,
             "policy": self._policy(one.policy),
@@ -144,7 +147,7 @@ class _Descriptions:
 
 
 def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
-    """Describe a policy as plain data that decides its choices: a planner's file, or names, code and base policy."""
+    """Return plain data that decides a policy's choices: a planner's file, or names, code and the base policy."""
     about: dict[str, Any] = {}
     kind = type(policy)
     if isinstance(policy, LearnedPlanner):
@@ -167,14 +170,14 @@ def _describe_spec(spec: str) -> dict[str, Any]:
 
 
 def describe_ghost(name: str) -> dict[str, Any] | str | None:
-    """Describe a ghost's moves by the policy that moves it or the code of its behaviour; None: built-in code."""
+    """Return plain data that decides a ghost's moves: its policy, or the code of its behaviour; None: built-in code."""
     if moved_by_policy(name):
         return describe_policy(make_policy(name), name)
     return hash_of_code(getattr(find_behaviour(name).target, "__module__", None), behaviour_module(name))
 
 
 def _read_files(paths: Sequence[Path], what: dict[str, Any]) -> list[Played]:
-    """Return the rounds of all files that are not damaged, and report the others."""
+    """Return the rounds of all files that can be read, and report damaged files on stderr."""
     pieces = []
     for path in paths:
         try:
@@ -203,6 +206,6 @@ def _concatenated(pieces: Sequence[Played]) -> Played:
 
 
 def _in_order(seeds: NDArray[np.uint64], records: NDArray, times: NDArray[np.float64]) -> Played:
-    """Return the records (E,) with these ``seeds`` (E,), in their order, and the times (T,), ms."""
+    """Return the records (E,) of the rounds with ``seeds`` (E,), in the order of the seeds, and ``times`` (T,), ms."""
     place = {seed: number for number, seed in enumerate(records["seed"].tolist())}
     return records[[place[seed] for seed in seeds.tolist()]], times

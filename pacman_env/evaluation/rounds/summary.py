@@ -43,7 +43,7 @@ from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
 SCHEMA = 3
 Row = dict[str, Any]
-LEAST_ROUNDS = 4  # least rounds of a level or map that counts for the worst tenth
+LEAST_ROUNDS = 4  # a level or map with fewer rounds does not count for the worst tenth
 _DRAWS = 0  # the same seed for each bootstrap, so that only rounds cause differences
 _PERCENTILES = (1, 5, 25, 50, 75, 95, 99, 99.9)
 
@@ -67,18 +67,18 @@ def make_row(
 
 
 def compare_completion(ours: Sequence[NDArray], theirs: Sequence[NDArray]) -> tuple[float, Interval]:
-    """Return our completion rate minus theirs, in rounds with the same seeds, with its interval."""
+    """Return our completion rate minus theirs in rounds with the same seeds, and the interval of the difference."""
     return paired_difference(*(np.concatenate(parts)["end"] == COMPLETE for parts in (ours, theirs)))
 
 
 def worst_tenth(parts: Sequence[NDArray]) -> Row | None:
     """Return the mean completion of the worst tenth of levels, or of maps if there are several ``parts``.
 
-    The worst tenth are the ceil(m / 10) places with the lowest completion of the m places (``places``) with at least
-    ``LEAST_ROUNDS`` rounds; all have the same weight. ``low`` is too low, most of all with few rounds per place,
-    because the same rounds choose the places and measure them. ``high`` avoids that: every second round of a place
-    chooses and the others measure, then the other way round, and the mean is taken. It is too high, because half of the
-    rounds seldom finds the worst places. Returns None if no place has enough rounds.
+    Of the m places (``places``: levels or maps) with at least ``LEAST_ROUNDS`` rounds, the worst tenth are the
+    ceil(m / 10) places with the lowest completion rate. All have the same weight. ``low`` is too low, most of all with
+    few rounds per place, because the same rounds choose the places and measure them. For ``high``, every second round
+    of a place chooses and the other rounds measure, then the other way round, and the mean is taken. ``high`` is too
+    high, because half of the rounds seldom finds the worst places. Returns None if no place has enough rounds.
     """
     places = parts
     if len(parts) == 1:

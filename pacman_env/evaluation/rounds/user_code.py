@@ -17,14 +17,14 @@ from importlib import metadata
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-#: The suffix of the metadata file of each kind of policy file.
+#: By suffix of a policy file: the suffix of its metadata file.
 _METADATA = {".onnx": ".json", ".zip": ".facts.json"}
 _SKIPPED = sys.stdlib_module_names | {__package__.partition(".")[0]}
-_MOST_MODULES = 200  # 1 to 2 s
+_MOST_MODULES = 200  # most modules to read, which takes 1 to 2 s
 _MOST_FOLDERS = 100
 _LARGE = 256 << 20  # bytes; a larger file counts by size and time of change
 _REFERENCE = re.compile(r"([^\W\d]\w*(?:\.\w+)*):\w+")  # another policy, as in make_policy("module:Class")
-_ENDING = re.compile(r"\.\w+")  # names all files with it, as in with_suffix(".npz") and f"model_{number}.pt"
+_ENDING = re.compile(r"\.\w+")  # means all files with it: with_suffix(".npz"), f"model_{number}.pt"
 
 
 def hash_of_files(path: Path) -> str:
@@ -58,7 +58,7 @@ def _reach(starts: Sequence[str]) -> tuple[dict[str, Path], set[str], set[str]]:
     sources: dict[str, Path] = {}
     packages: set[str] = set()
     strings: set[str] = set()
-    names = list(starts)  # grows
+    names = list(starts)  # grows during the loop
     for name in names:
         top, parent = name.partition(".")[0], name.rpartition(".")[0]
         if top in _SKIPPED or (top in packages and name not in starts):
@@ -74,7 +74,7 @@ def _reach(starts: Sequence[str]) -> tuple[dict[str, Path], set[str], set[str]]:
             break
         if file:
             sources[name] = Path(file).absolute()
-            with contextlib.suppress(OSError, SyntaxError, ValueError):  # an extension module, or one in an archive
+            with contextlib.suppress(OSError, SyntaxError, ValueError):  # an extension module, or in an archive
                 imported, texts = _read(ast.parse(sources[name].read_bytes()), name if folders else parent)
                 new |= imported
                 strings |= texts
@@ -83,7 +83,7 @@ def _reach(starts: Sequence[str]) -> tuple[dict[str, Path], set[str], set[str]]:
 
 
 def _locate(name: str) -> tuple[str | None, list[str]]:
-    """Return the file of a module, and the folders if it is a package, without importing it."""
+    """Find a module without importing it; return its file (or None), and its folders if it is a package."""
     if (module := sys.modules.get(name)) is not None:
         return getattr(module, "__file__", None), list(getattr(module, "__path__", []))
     parent, _, last = name.rpartition(".")
@@ -94,7 +94,7 @@ def _locate(name: str) -> tuple[str | None, list[str]]:
 
 
 def _read(tree: ast.AST, package: str) -> tuple[set[str], set[str]]:
-    """Return imported names, which may be modules or their attributes, and all strings."""
+    """Return the imported names (modules, or attributes of modules) and all strings in a module's syntax tree."""
     names, strings = set(), set()
     for node in ast.walk(tree):
         match node:
@@ -110,9 +110,13 @@ def _read(tree: ast.AST, package: str) -> tuple[set[str], set[str]]:
 
 
 def _named_files(strings: Iterable[str], roots: Iterable[Path]) -> set[Path]:
-    """Return the files with one of these names in the folders ``roots``, or in a folder with such a name there."""
+    """Return the files in the folders ``roots`` whose names are among ``strings``.
+
+    If the name of a subfolder is among the strings, its files are searched, too. A string that is only a suffix, such
+    as ".npz", stands for all files with this suffix.
+    """
     files = set()
-    folders = list(dict.fromkeys(map(str, roots)))  # grows
+    folders = list(dict.fromkeys(map(str, roots)))  # grows during the loop
     for folder in folders:
         for text in filter(lambda text: text.strip("./"), strings):
             # Stable-Baselines3 adds .zip to names.

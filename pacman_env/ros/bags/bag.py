@@ -1,6 +1,7 @@
-"""Recorded games: messages of one robot in a ROS 2 bag, in order. Message code from the bag is never executed.
+"""Recorded games: messages of one robot in a ROS 2 bag, in order.
 
-A recorder writes into ``NAME.unfinished``, and renames the bag when it is complete."""
+The message definitions in a bag are not used, because code would be generated from them. A recorder writes into
+``NAME.unfinished``, and renames the bag when it is complete."""
 
 import contextlib
 import shlex
@@ -18,11 +19,11 @@ from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
 NO_CHECKSUM = "{} messages have no checksum, so damage cannot be excluded"
-_LISTED = 8  # most topics of a foreign bag in an error
+_LISTED = 8  # most topics that the error for a bag without a game lists
 
 
 class BagError(ValueError):
-    """Raised for a bag that cannot be read or contains no game; the text gives bag and reason."""
+    """Raised for a bag that cannot be read or contains no game; the text gives the bag's path and the reason."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class Bag:
 
     def __init__(self, reader: Reader, path: Path, namespace: str | None) -> None:
         self._reader, self._path = reader, path
-        self.unchecked = check(path)  # why its messages may be damaged; empty if they were checked
+        self.unchecked = check(path)  # why messages may be damaged; empty if all were checked
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
 
@@ -46,7 +47,7 @@ class Bag:
         return any(connection.topic == name and connection.msgcount for connection in self._reader.connections)
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Recorded]:
-        """Yield the messages on these topics; BagError if one has a different type or cannot be decoded."""
+        """Yield the messages on these topics; BagError for a wrong type or a message that cannot be decoded."""
         store = get_typestore(Stores.ROS2_JAZZY)
         topic_of = {f"{self.namespace}/{topic.name}": topic for topic in topics}
         connections = [connection for connection in self._reader.connections if connection.topic in topic_of]
@@ -99,9 +100,9 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
 
 
 def check(path: Path) -> str:
-    """Raise BagError if a file differs from its checksums.
+    """Raise BagError if a file of the bag is damaged; return a text about messages that could not be checked.
 
-    Return a text about what could not be checked, empty if everything was.
+    The text is empty if all messages were checked.
     """
     unchecked = 0
     files = [file for file in mcap_files(path) if file.suffix.lower() == ".mcap"]
@@ -124,7 +125,10 @@ def new_bag(folder: Path) -> Writer:
 
 
 def mcap_files(bag: Path) -> list[Path]:
-    """List the file itself, or the files in a bag's folder; an unfinished bag has them one folder deeper."""
+    """List the files of a bag: ``bag`` itself if it is a file, otherwise the MCAP files in the folder ``bag``.
+
+    The MCAP files of an unfinished bag are one folder deeper.
+    """
     return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
 
 
@@ -133,13 +137,16 @@ def unfinished_folder(bag: Path) -> Path:
 
 
 def unfinished(path: Path) -> Path | None:
-    """Return the folder into which a recorder writes this bag, or that contains this path; None if there is none."""
+    """Return the folder of an unfinished bag: its recorder will rename it to ``path``, or it is or contains ``path``.
+
+    Return None if there is no such folder.
+    """
     candidates = (unfinished_folder(path), path, *path.parents)
     return next((folder for folder in candidates if folder.name.endswith(SUFFIX) and folder.is_dir()), None)
 
 
 def remedy_for(path: Path) -> str:
-    """Return the commands that complete an unfinished bag; empty if the path is no unfinished bag."""
+    """Return the commands that complete an unfinished bag; empty if there is no unfinished bag at the path."""
     folder = unfinished(path)
     files = mcap_files(folder or path)
     if len(files) != 1 or not _begins_as_mcap(files[0]):

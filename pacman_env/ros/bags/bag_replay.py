@@ -52,8 +52,8 @@ class ReplayReport:
     same: int = 0
     unknown: int = 0  # decisions without a recorded goal
     otherwise: list[Otherwise] = field(default_factory=list)
-    decision_ms: list[float] | None = None  # 50 %, 99 %, most
-    robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 %, 90 %
+    decision_ms: list[float] | None = None  # median, 99 % quantile, maximum
+    robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 % and 90 % quantiles by quantity
     simulator: dict[str, list[float] | None] = field(default_factory=dict)
 
     def render(self) -> str:

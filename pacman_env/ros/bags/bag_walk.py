@@ -66,11 +66,15 @@ class Walk:
         self._left: set[int] = set()
         self._gone: set[int] = set()  # pellets removed in this round
         self._velocity = (0.0, 0.0)
-        self._harmless = np.zeros((len(self._ghosts), 2))  # ROS times, s, until which ghosts are harmless and away
+        self._harmless = np.zeros((len(self._ghosts), 2))  # ROS times, s: harmless until, away until
         self._began_ns = 0  # ROS time at the start of the bag
 
     def run(self) -> None:
-        """Read the bag; decisions come from the recorded goal selector, or are due every tick without one."""
+        """Read the bag and report its events to the follower.
+
+        The decisions are the recorded decisions of the goal selector. In a bag without scores, a decision is due every
+        tick.
+        """
         for recorded in self._bag.messages(_READ):
             self._decisions_before(recorded)
             try:
@@ -82,7 +86,7 @@ class Walk:
     def _decisions_before(self, recorded: Recorded) -> None:
         if self._has_scores:
             while self._by_event and self._running and self._due_s + TICK_LATE * self._tick_s < recorded.at_s:
-                self._situation(self._due_s, self._chosen_before)  # a tick in which it only observed
+                self._situation(self._due_s, self._chosen_before)  # a tick in which the goal selector only observed
                 self._due_s += self._tick_s
             if self._running and recorded.topic == topics.SCORES.name:
                 chosen = chosen_of(recorded.message)
@@ -151,7 +155,7 @@ class Walk:
         velocity = self._velocity if belief is None else belief.velocity
         goal = None if pursued < 0 else self.view.goal(pursued)
         if goal is not None and goal.pellet is not None and goal.pellet not in left:
-            pursued = -1  # it has been collected
+            pursued = -1  # the pellet has been collected
         if pose is None or self.view.unseen or not (left or over) or self.view.off_the_map(*pose[:2]):
             return None
         age_s = 0.0 if belief is None else belief.age_s
@@ -168,14 +172,14 @@ class Walk:
         return self.view.situation(seen)
 
     def _decide(self, at_s: float, pursued: int, recorded: int | None) -> None:
-        """Report a decision: ``pursued`` was the current goal, ``recorded`` the choice (-1: none, None: unknown)."""
+        """Report a decision: ``pursued`` was the current goal, ``recorded`` is the choice (-1: none, None: unknown)."""
         situation = self._situation(at_s, pursued)
         if situation is not None:
             chosen = self.view.hold if recorded is not None and recorded < 0 else recorded
             self._follower.decide(at_s, situation, chosen)
 
     def _planned(self, at_s: float) -> int:
-        """Return the candidate to which Nav2 planned, -1 for none."""
+        """Return the candidate to which Nav2's plan led at ``at_s``, -1 for none."""
         recent = [candidate for when, candidate in self._plans if at_s - PLAN_LASTS_S < when <= at_s]
         return recent[-1] if recent else -1
 

@@ -19,10 +19,10 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 
 MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # head of each record: opcode, number of bytes that follow
-_CHUNK_CRC = slice(33, 37)  # position in a chunk record
-_DATA_END = struct.Struct("<9xI")  # checksum of everything before this record
-_FOOTER = struct.Struct("<9xQQI8x")  # start of the summary, of its offsets; the summary's checksum; magic
-_BEHIND_CRC = 8  # bytes behind the checksum: the magic
+_CHUNK_CRC = slice(33, 37)  # place of the checksum in a chunk record
+_DATA_END = struct.Struct("<9xI")  # record at the end of the data: checksum of everything before it
+_FOOTER = struct.Struct("<9xQQI8x")  # start of the summary, start of its offsets, checksum of the summary; magic
+_BEHIND_CRC = 8  # bytes after the summary's checksum: the magic
 _LISTED = 5  # most damaged chunks in an error
 
 
@@ -56,7 +56,7 @@ class ChecksummedWriter(McapWriter):
 
 
 class _Part(BytesIO):
-    """Next bytes of a file, in memory; ``tell`` returns the position in that file."""
+    """Bytes in memory that will follow the first ``begin`` bytes of a file; ``tell`` returns the place in the file."""
 
     def __init__(self, begin: int) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class _Part(BytesIO):
 
 @dataclass
 class Damage:
-    """A damaged chunk, and its number of messages in the index that follows."""
+    """A damaged chunk; ``messages`` is the number of its messages that the index after the chunk lists."""
 
     chunk: int  # number, starting at 1
     why: str
@@ -101,7 +101,7 @@ class McapScan:
             self.why = f"damaged: {one_line(error)}"
 
     def problems(self) -> list[str]:
-        """Describe what the file lacks; empty if it contains all messages written before its end."""
+        """Describe what is damaged or missing; empty if all messages up to the end of the file can be read."""
         problems = [str(damage) for damage in self.damaged[:_LISTED]]
         if more := self.damaged[_LISTED:]:
             problems.append(f"{len(more)} more chunks with {sum(damage.messages for damage in more)} messages")
@@ -153,7 +153,7 @@ class McapScan:
         return crc not in (0, _crc(self._file, begin, self._size - _BEHIND_CRC - 4))
 
     def _contents(self, place: int) -> Iterator[tuple[int, bytes]]:
-        """Yield the opcode and all bytes of each record up to the footer; raise EndOfFile if one is cut off."""
+        """Yield the opcode and all bytes of each record up to the footer; raise EndOfFile if a record is cut off."""
         self._file.seek(place)
         while head := self._file.read(_HEAD.size):
             if len(head) < _HEAD.size:
@@ -173,7 +173,7 @@ def _parsed(content: bytes) -> Any:
 
 
 def _summary_of(file: BinaryIO, size: int) -> tuple[int, int]:
-    """Return the first byte of the summary, and its checksum."""
+    """Return the place of the summary's first byte in the file, and the summary's checksum."""
     file.seek(size - _FOOTER.size)
     begin, _, crc = _FOOTER.unpack(file.read())
     return begin, crc

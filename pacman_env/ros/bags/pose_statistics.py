@@ -16,7 +16,7 @@ from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.world.navigation.localization import Pose, compose, relative
 
 DRIVING_MPS = 0.05  # a slower robot stands
-STANDING_S = 5.0  # a longer pause between poses is no cadence: AMCL is silent while the robot stands
+STANDING_S = 5.0  # longer intervals between poses do not count: AMCL is silent while the robot stands
 MOST_S = 300.0  # longest simulated game
 _PERIOD_S = 0.1  # period of the lidar, the shortest time between poses
 #: Compared quantities with their units.
@@ -40,7 +40,7 @@ class PoseStatistics:
     counts: bool = True  # False: received values make no samples
     _pose_s: float = 0.0
     _pose_odometry: Pose | None = None  # odometry when the last pose was received
-    _clyde: tuple[float, float, float] | None = None  # x, y, time
+    _clyde: tuple[float, float, float] | None = None  # Clyde's last x, y and the time
 
     @property
     def believed(self) -> Pose | None:
@@ -80,7 +80,7 @@ class PoseStatistics:
         self.pose = self.odometry = self._pose_odometry = self._clyde = None
 
     def quantiles(self) -> dict[str, list[float] | None]:
-        """Return the 10 %, 50 % and 90 % quantiles of each quantity, None without samples."""
+        """Return the 10 %, 50 % and 90 % quantiles of each quantity, None for a quantity without samples."""
         return {
             name: [float(q) for q in np.quantile(values, (0.1, 0.5, 0.9))] if values else None
             for name, values in self.samples.items()

@@ -36,7 +36,7 @@ _FOR_EVER = QosTime(2147483647, 4294967295)  # rosbag2's "no limit"
 
 
 class Recorder(BaseNode):
-    """Node that writes each message of :data:`RECORDED` on reception; the bag is complete after the last messages."""
+    """Node that writes each arriving message on the topics :data:`RECORDED`; ``last_messages`` completes the bag."""
 
     def __init__(self, folder: Path, sim_time: bool) -> None:
         super().__init__(NAME, parameter_overrides=[Parameter("use_sim_time", Parameter.Type.BOOL, sim_time)])
@@ -72,7 +72,7 @@ class Recorder(BaseNode):
             self.messages += 1
 
     def _flush(self) -> None:
-        """Close a chunk, so that it can be read without the next one, and write it to disk."""
+        """Close the current chunk and write it to disk, so that it can be read even if the recorder is killed."""
         storage = self._writer.storage
         if self._open and storage.chunk.msgs:
             storage.close_chunk()

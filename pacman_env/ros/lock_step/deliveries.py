@@ -35,8 +35,8 @@ class NodeFailed(RuntimeError):
 class Deliveries:
     """Queue of the messages between members.
 
-    ``ended`` is called with a member whose node has a status after its callback. A callback may take ``silence_s`` of
-    real time.
+    ``ended`` is called with a member whose node has set its exit status during a callback. A callback may take
+    ``silence_s`` of real time.
     """
 
     def __init__(self, members: list[Member], silence_s: float, ended: _Ended) -> None:
@@ -46,7 +46,7 @@ class Deliveries:
         self.watchdog = Watchdog(silence_s)
         self.queue: deque[Delivery] = deque()
         self._turn: Member | None = None  # member whose code runs
-        self._latched: dict[Any, deque[_Span]] = {}  # stored by publisher for later subscriptions
+        self._latched: dict[Any, deque[_Span]] = {}  # by publisher: publications for later subscriptions
         self._with_statuses: set[ActionServer] = set()  # servers whose statuses rclpy publishes in C
         self._index = Index([])
 
@@ -73,7 +73,7 @@ class Deliveries:
     # Messages that members send
 
     def watch(self, entity: Any) -> None:
-        """Make receivers take the entity's messages immediately after sending."""
+        """Make receivers take the messages of a publisher, client or service as soon as they are sent."""
         if isinstance(entity, Publisher):
             entity.publish = partial(self._publish, entity, entity.publish)
         elif isinstance(entity, Client):
@@ -133,7 +133,7 @@ class Deliveries:
         self._take_actions()
 
     def expire_goals(self) -> None:
-        """Make action servers forget the goals that ended 15 minutes ago."""
+        """Make action servers remove goals that ended at least 15 minutes ago."""
         for member, server in self.index.waitables:
             if isinstance(server, ActionServer) and (expired := expire_goals(server)):
                 self._put_taken(member, server, {"expired": expired})
@@ -176,7 +176,7 @@ class Deliveries:
         self.drain()
 
     def _latched_for(self, member: Member, sub: Subscription) -> list[deque[_Span]]:
-        """Return the publications of other members that the middleware keeps for a new subscription."""
+        """Return for each publisher of other members the publications that a new subscription receives."""
         if sub.qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return []
         name = sub.topic_name
@@ -204,7 +204,7 @@ class Deliveries:
                 continue
             for witness in self.witnesses:
                 witness(delivery)
-            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # it sends no messages
+            if delivery.name == CLOCK.name and entities.sets_time(delivery.entity):  # setting a clock sends no messages
                 delivery.handle()
             else:
                 self.run(member, delivery.handle)

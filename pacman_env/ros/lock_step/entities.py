@@ -68,13 +68,13 @@ class Index:
 
 
 def message(sub: Subscription) -> Any:
-    """Take a message and its times; None if there is none."""
+    """Take the next message of a subscription, with its times; None if no message has arrived."""
     with sub.handle:
         return sub.handle.take_message(sub.msg_type, sub.raw)
 
 
 def message_if_any(sub: Subscription) -> Any:
-    """Take a message like ``message``, but create no message object if there is none, for mostly silent topics."""
+    """Take the next message like ``message``, but faster if no message has arrived: no message object is created."""
     with sub.handle:
         one = sub.handle.take_message(sub.msg_type, True)
     return None if one is None else (deserialize_message(one[0], sub.msg_type), one[1])

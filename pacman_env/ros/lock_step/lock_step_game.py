@@ -14,7 +14,7 @@ from .deliveries import NodeFailed
 from .members import Member
 from .stepper import LockStep
 
-RESTART_S = 3.0  # simulated time for pause and restart of a node
+RESTART_S = 3.0  # simulated time from the end of a node to its restart
 LOCALIZED_S = 60.0  # simulated time until the robot's first pose
 SEEDED = (SIMULATOR, "clyde_ghost_node")
 
@@ -32,8 +32,8 @@ class LockStepGame(LockStep):
         extra = {name: {"seed": seed, **setup.extra.get(name, {})} for name in SEEDED}
         self.setup = replace(setup, speed=1.0, extra={**setup.extra, **extra})
         super().__init__(seed, **options)
-        self.restarts: list[tuple[float, str, int | None]] = []  # time (s), node, and its exit status
-        self._due: dict[str, float] = {}  # nodes to restart, and the time, s
+        self.restarts: list[tuple[float, str, int | None]] = []  # time (s), node, exit status (None: killed)
+        self._due: dict[str, float] = {}  # by node to restart: the time, s
         self.namespace = game_nodes.full_namespace(setup.namespace)
         try:
             for name in self.setup.first_nodes:
@@ -54,7 +54,7 @@ class LockStepGame(LockStep):
         return self.add(make, arguments).node
 
     def call(self, node: BaseNode, service: Service, limit_s: float = 10.0) -> Any:
-        """Call a service from a joined node and return the answer; NodeFailed after ``limit_s`` of simulated time."""
+        """Call a service from a joined node and return its answer; NodeFailed after ``limit_s`` of simulated time."""
         client = service.client(node)
         answer = self.within(node, lambda: client.call_async(service.type.Request()))
         if not self.until(answer.done, limit_s):

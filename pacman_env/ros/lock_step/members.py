@@ -31,7 +31,7 @@ class NodeExecutor(Executor):
         self._changed()
 
     def run_tasks(self) -> None:
-        """Run all tasks that can run, and tasks that follow; raises exceptions of tasks."""
+        """Run all tasks that can run, and the tasks that these create; raises the exceptions of tasks."""
         progress = bool(self.tasks)
         while progress:
             tasks, self.tasks = self.tasks, []
@@ -50,18 +50,18 @@ class NodeExecutor(Executor):
 @dataclass
 class Delivery:
     member: Member
-    entity: Any  # subscription, service, client or action's end
+    entity: Any  # subscription, service, client, action server or action client
     name: str  # name of topic or service
     content: Any
-    handle: Callable[[], object]  # the node's handling of the content
-    sender: Member | None  # None if it came from outside
+    handle: Callable[[], object]  # calls the node's callback with the content
+    sender: Member | None  # None: another process
 
 
 @dataclass(eq=False)
 class Member:
     name: str
-    number: int  # counts all starts
+    number: int  # 1 for the first node that was started
     node: BaseNode
     executor: NodeExecutor
-    ending: bool = False  # True while it sends its last messages, and afterwards
+    ending: bool = False  # True from the start of its last messages on
     present: bool = True  # False once it was killed or has ended

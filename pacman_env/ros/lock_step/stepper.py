@@ -19,7 +19,7 @@ from .entities import call
 from .members import Member, NodeExecutor
 from .surroundings import LockStepSurroundings, SimulatedWall
 
-STEP_NS = 50_000_000  # step of the physics: Nav2's controller rate
+STEP_NS = 50_000_000  # one period of Nav2's controller
 SILENCE_S = 60.0  # real time, the longest duration of a callback
 
 
@@ -27,7 +27,7 @@ class LockStep:
     """Run nodes in this process and step their simulated time.
 
     ``seed`` decides all random numbers of the nodes. ``domain`` is the ROS domain; None: the domain
-    that the environment variable sets. The process ends if a callback takes ``silence_s`` of real time. If ``alone``,
+    in the environment. The process ends if a callback takes ``silence_s`` of real time. If ``alone``,
     the nodes discover no other process.
     """
 
@@ -81,7 +81,10 @@ class LockStep:
         return next(one for one in self.members if one.node is node)
 
     def remove(self, member: Member, last_messages: bool = True) -> None:
-        """End a node as by a signal, or as by a kill without ``last_messages``. Its waiting messages are lost."""
+        """End a node as a signal would, or as a kill would if ``last_messages`` is False.
+
+        Messages that wait for the node are lost.
+        """
         if member.ending:
             return
         member.ending = True
@@ -104,7 +107,7 @@ class LockStep:
         self.ended(member)
 
     def ended(self, member: Member) -> None:
-        """Handle the end of a node that ended by itself."""
+        """Handle the end of a node that ended by itself; subclasses may restart it."""
 
     def close(self) -> None:
         """End the remaining nodes without last messages, then ROS."""

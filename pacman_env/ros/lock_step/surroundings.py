@@ -49,7 +49,7 @@ class SimulatedWall:
 
 
 class LockStepSurroundings(Surroundings):
-    """Surroundings of one node, the ``number``-th started; ``alone`` if it discovers no other process."""
+    """Surroundings of the ``number``-th started node; ``alone``: the nodes of its process discover no other process."""
 
     lock_step = True
 
@@ -63,10 +63,10 @@ class LockStepSurroundings(Surroundings):
     def watch(self, entity: Any) -> None:
         self._game.messages.watch(entity)
 
-    def kept(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
-        """Lengthen the queue of a latched topic to hold all messages.
+    def subscription_profile(self, qos_profile: QoSProfile | int) -> QoSProfile | int:
+        """Return the QoS profile to subscribe with; for a latched topic its queue is long enough for all messages.
 
-        Otherwise the timing of the middleware's threads would decide which messages are dropped.
+        With a shorter queue the timing of the middleware's threads would decide which messages are dropped.
         """
         if not isinstance(qos_profile, QoSProfile) or qos_profile.durability != DurabilityPolicy.TRANSIENT_LOCAL:
             return qos_profile
@@ -81,7 +81,7 @@ class LockStepSurroundings(Surroundings):
         return EPOCH_NS + self._wall.now_ns
 
     def perf_counter(self) -> float:
-        """Return the wall time: no time passes while a node computes."""
+        """Return the simulated wall time, s; it stands still while a node computes."""
         return self._wall.now_s
 
     def clock(self) -> Clock:
@@ -91,7 +91,7 @@ class LockStepSurroundings(Surroundings):
         return self._game.until(condition, limit_s)
 
     def process(self) -> list[Any]:
-        """Return the node's start, and its number instead of a process's."""
+        """Identify the node if ``alone``: its start (s since 1970) and its number; otherwise identify this process."""
         return [self.time_ns() * 1e-9, "lock-step", self._number] if self._alone else super().process()
 
     def new_id(self) -> bytes:

@@ -29,10 +29,10 @@ from ..node import GameNode, parameter, run
 from .ghost_trail import CostmapClearing, GhostTrail
 
 NAME = "clyde_ghost_node"
-_DIAMETER_M = 0.35  # diameter of the marker; original
-_OBSTACLE_Z_M = 0.25  # where the costmap expects a ghost; original
+_DIAMETER_M = 0.35  # diameter of the marker, as in the original
+_OBSTACLE_Z_M = 0.25  # height at which the costmap expects a ghost, as in the original
 _LISTEN_S = 2.0  # wall time; a new node waits at most this time for the robot's pose
-_CATCH_UP_S = 1.0  # most time that is caught up after a late timer
+_CATCH_UP_S = 1.0  # longest delay of the timer that is caught up
 
 
 class ClydeGhostNode(GameNode):
@@ -56,9 +56,9 @@ class ClydeGhostNode(GameNode):
         self._owed_s = 0.0
         self._state = "menu"
         self._began_s = self.surroundings.monotonic()
-        self._home: Position | None = None  # the first pose, later the start of a round
+        self._home: Position | None = None  # the robot's first pose, later its pose at the start of a round
         self._robot: Pose | None = None
-        self._harmless = np.zeros((len(behaviours), 2))  # times, s, until which each ghost is harmless and away
+        self._harmless = np.zeros((len(behaviours), 2))  # ROS times, s: harmless until, away until
         self._chosen: int | None = None  # Clyde's cell for the next round, set by a click
         self.ghosts = MapGhosts(assets, config, seed)
         self.ghosts.compile_kernels(self._choices())
@@ -101,7 +101,7 @@ class ClydeGhostNode(GameNode):
     def _on_harmless(self, message: Any) -> None:
         before, self._harmless = self._harmless, messages.ghost_times_of(message, len(self.ghosts))
         caught = np.flatnonzero(self._harmless[:, 1] > before[:, 1])
-        self.ghosts.send_back(caught.tolist())  # at once: a message may be so late that the ghosts have started again
+        self.ghosts.send_back(caught.tolist())  # now: the message may be so late that the ghosts have already returned
         if self._harmless.any():
             self._costmap.request(self._places())  # harmless ghosts must not block the way
 
@@ -153,7 +153,7 @@ class ClydeGhostNode(GameNode):
 
     def _update(self) -> None:
         if self._robot is None and self.surroundings.monotonic() - self._began_s < _LISTEN_S:
-            return  # after a start during a round ghosts might appear next to the robot
+            return  # started during a round: ghosts could appear next to the robot
         if self._state == "running":
             now = self.now_s()
             self.ghosts.see_harmless(np.maximum(self._harmless - now, 0.0))
@@ -166,7 +166,7 @@ class ClydeGhostNode(GameNode):
         self._show()
 
     def _steps_due(self, now: float) -> int:
-        """Return 1, or 2 to catch up: a late timer skips steps, but ghosts keep their speed."""
+        """Return the steps due at ``now``, s: 1, or 2 to catch up after a late timer, so ghosts keep their speed."""
         period_s, last_s, self._stepped_s = self.config.clyde.update_period_s, self._stepped_s, now
         late_s = 0.0 if last_s is None else max(now - last_s - period_s, 0.0)
         self._owed_s = min(self._owed_s + late_s, _CATCH_UP_S)
@@ -176,11 +176,11 @@ class ClydeGhostNode(GameNode):
         return 2
 
     def _choices(self) -> NDArray[Any]:
-        """Return the choices (G,) of the ghosts' policies, of type ``GHOST_CHOICE``; the others wander."""
+        """Return the choices (G,) of the ghosts' policies, of type ``GHOST_CHOICE``; ghosts without a policy wander."""
         choices = np.zeros(len(self.config.clyde.ghosts), dtype=GHOST_CHOICE)
         for number, policy in self._policies.items():
             if self._pellets is None or self._robot is None:
-                situation = self._view.sample_situation(number)  # compiles or loads the policy now
+                situation = self._view.sample_situation(number)  # calling the policy compiles or loads it
             else:
                 now = self.now_s()
                 harmless_s = np.maximum(self._harmless - now, 0.0)
@@ -207,7 +207,7 @@ class ClydeGhostNode(GameNode):
             self._marker.publish(marker)
         radius_m = max(nav2.clyde_keepout_m - self.config.robot.inscribed_radius_m, 0.0)
         harmful = (left_s[:, 0] <= 0) & (self._state != "returning_home")
-        around = np.array(self._places())[harmful, None] + radius_m * GHOST_OBSTACLE  # at 0.05 m, original
+        around = np.array(self._places())[harmful, None] + radius_m * GHOST_OBSTACLE  # original: 0.05 m
         self._show_obstacle(around.reshape(-1, 2), stamp)
         self._show_trail(self._places(), stamp)
 

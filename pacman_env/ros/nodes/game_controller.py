@@ -24,8 +24,8 @@ from .state_file import StateFile
 NAME = "game_controller"
 _TICK_S = 0.05
 _PELLETS_S = 6.0  # wall time; a longer wait for a round's first pellet is reported
-_EARLY = 10_000  # most stored pellets
-_SAVE_S = 1.0  # wall time, largest age of the saved game
+_EARLY = 10_000  # most stored reports before the first tick
+_SAVE_S = 1.0  # wall time between two saves
 _PUBLISHED = {
     "command": topics.GAME_COMMAND,
     "event": topics.GAME_EVENT,
@@ -98,7 +98,7 @@ class GameController(GameNode):
     def _do(self, actions: Sequence[Action]) -> None:
         """Perform actions in order; the timer makes the service calls that are not possible yet."""
         if any(action.kind != "ignored" for action in actions):
-            self._save()  # first: unsaved actions would be published again after a restart
+            self._save()  # first: after a restart, unsaved actions would be published again
         for action in actions:
             if action.kind == "ignored":
                 self.once.warning(f"ignored in state {self.game.state}", str(action.value))

@@ -29,7 +29,7 @@ class GameEventMapper(GameNode):
         self._velocity = topics.CMD_VEL.publisher(self)
         self._motion: Motion = "stop"
         self._since_s = 0.0
-        self._command = ""  # the last
+        self._command = ""  # the last command
         self._timer = self.create_timer(_PERIOD_S, self._move)
         self._timer.cancel()
         self._operator = OperatorStop(self, self._on_stop)
@@ -66,7 +66,7 @@ class GameEventMapper(GameNode):
         turn = angular_velocity(self._motion, self.now_s() - self._since_s, self.config.show)
         if turn is None:
             self._stop()
-        elif turn:  # before a shake the robot stands: the planner has stopped it
+        elif turn:  # 0 before a shake: the planner has stopped the robot
             self._drive(turn)
 
     def _stop(self) -> None:

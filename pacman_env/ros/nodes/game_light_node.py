@@ -1,7 +1,7 @@
 """Node ``game_light_node``: shows light words on the Create 3's ring (Algorithm 7).
 
-While nothing is shown, the base controls the ring, so that its own warnings are visible. A ring that an earlier process
-left lit is also given back to the base.
+While nothing is shown, the base controls the ring, so that its own warnings are visible. If an earlier process left
+the ring lit, the base gets control back, too.
 """
 
 import sys
@@ -20,8 +20,8 @@ from ..message_conversion import word_of
 from ..node import GameNode, run
 
 NAME = "game_light_node"
-_PERIOD_S = 0.075  # half a frame
-_REPEAT_S = 1.0  # repeated for a base that started later
+_PERIOD_S = 0.075  # half of a frame of the light (``FRAME_S``)
+_REPEAT_S = 1.0  # between repetitions, for a base that started later
 _CLEARINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 

@@ -14,7 +14,7 @@ from .. import topics
 from ..message_conversion import Position
 from ..node import GameNode
 
-_APART_M = 0.04  # hits every cell of a costmap with cells of 0.06 m at any heading
+_APART_M = 0.04  # distance of lattice points: they hit every cell of 0.06 m at any heading
 _RADIUS_M = 0.2  # obstacle of 0.05 m plus 0.15 m for a jump of AMCL in the meantime
 _LASTS_S = 3.0
 _STEPS = np.arange(-_RADIUS_M, _RADIUS_M + 1e-4, _APART_M)
@@ -27,7 +27,7 @@ class GhostTrail:
     """Lattice points around all ghost positions of the last 3 s."""
 
     def __init__(self) -> None:
-        self._seen_s: dict[tuple[int, int], float] = {}  # lattice point: time at which a ghost was last near
+        self._seen_s: dict[tuple[int, int], float] = {}  # by lattice point: time when a ghost was last near it, s
 
     def points(self, places: Iterable[Position], now_s: float) -> NDArray[np.float64]:
         """Add the ghosts' current positions, and return all points (N, 2), x and y in m."""

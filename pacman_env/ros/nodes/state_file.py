@@ -17,7 +17,7 @@ _LARGEST = 1_000_000  # bytes
 
 
 class StateFile:
-    """State file of one owner, which plain values describe; without a ``path`` nothing is saved.
+    """State file of one owner, described by the plain values ``owner``; if ``path`` is None, nothing is saved.
 
     Content of another owner, or older than ``max_age_s`` of wall time, is not loaded.
     """
@@ -41,9 +41,9 @@ class StateFile:
         return cls(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
 
     def load(self) -> Any:
-        """Return the last state; None if there is none, if another game wrote it, or if it is too old.
+        """Return the last state; None if nothing was saved, if another owner saved it, or if it is too old.
 
-        Raises OSError, or ValueError with the reason why the file is of another kind and must not be overwritten.
+        Raises OSError, or ValueError with the reason, if the file is of another kind and must not be overwritten.
         """
         if self.path is None or not self.path.exists():
             return None
@@ -66,7 +66,7 @@ class StateFile:
         return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
-        """Replace the state by plain values; if this raises OSError, the file may still contain the old state."""
+        """Write ``state`` (plain values) to the file; after an OSError the file may still contain the old state."""
         if self.path is None:
             return
         whole = {"format": _FORMAT, "written_s": self._time_ns() * 1e-9, "owner": self._owner, "state": state}
@@ -76,7 +76,7 @@ class StateFile:
         os.replace(temporary, self.path)
 
     def remove(self) -> None:
-        """Remove the saved game; ignore an error, because an old file is not loaded anyway."""
+        """Remove the file; ignore an OSError, because an old file is not loaded anyway."""
         if self.path is not None:
             with contextlib.suppress(OSError):
                 self.path.unlink(missing_ok=True)

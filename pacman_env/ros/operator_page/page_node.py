@@ -37,7 +37,7 @@ from pacman_env.world.navigation.localization import compose
 RAYS = 180
 FREE, UNKNOWN = 254, 205  # grey values of map_server's files; 0: solid
 _POSE_TIMEOUT_S = 1.0
-_FRESH_S = 3.0  # older odometry means that the robot is gone
+_FRESH_S = 3.0  # the robot is gone if its odometry is older
 _MOST_TRANSFORMS = 10_000
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 _LONGEST = 1_000_000  # most characters of JSON
@@ -48,11 +48,11 @@ NAME = "pacman_page"  # the doctor ignores nodes with this prefix
 @dataclass(frozen=True)
 class MapPicture:
     png: bytes
-    facts: dict[str, Any]  # facts of the scene: ``resolution``, ``width``, ``height`` and ``origin``
+    facts: dict[str, Any]  # ``resolution`` (m), ``width``, ``height`` (cells), ``origin``
 
 
 def picture_of(message: Any) -> MapPicture:
-    """Return an OccupancyGrid's picture, top row first; ValueError for wrong sizes or numbers that are not finite."""
+    """Draw an OccupancyGrid, top row first; ValueError for inconsistent sizes or numbers that are not finite."""
     grid = grid_of(message)
     if not (all(map(math.isfinite, (*grid.origin, grid.resolution))) and grid.resolution > 0):
         raise BadMessage("numbers that are not finite")
@@ -67,7 +67,7 @@ def picture_of(message: Any) -> MapPicture:
 
 
 def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:
-    """Return the distance in m of the nearest point in each direction of a LaserScan, (RAYS,); NaN: no point.
+    """Return the distance of the nearest point of a LaserScan in each direction: (RAYS,), m; NaN: no point.
 
     Ray 0 points ahead; ``yaw`` is the lidar's heading in the robot, rad.
     """
@@ -87,10 +87,10 @@ class RobotState:
         self._node = node
         self._surroundings = node.surroundings
         self.velocity = (0.0, 0.0)  # m/s, rad/s
-        self.navigating = False  # Nav2 drives to a goal of any client
-        self.rate = 1.0  # speed of the robot's clock, in real time
+        self.navigating = False  # True while Nav2 drives to a goal, of any client
+        self.rate = 1.0  # speed of the robot's clock relative to real time
         self._odometry_s = -math.inf
-        self._clock: tuple[float, float, float] | None = None  # wall time and clock a while ago, clock now; s
+        self._clock: tuple[float, float, float] | None = None  # s: wall time and clock a while ago, clock now
         self._static: dict[str, tuple[str, Pose]] = {}
         self.clear()
 
@@ -189,8 +189,8 @@ class PublishedGame(GameMonitor):
     def __init__(self, robot: RobotState, news: News) -> None:
         super().__init__()
         self._robot, self._news = robot, news
-        self._round_s = 0.0  # length of the last round
-        self.starting_s: float | None = None  # time of the first message of the start show, None: there is none
+        self._round_s = 0.0  # length of the last round, s
+        self.starting_s: float | None = None  # when the start show began, None: no show
         self.clear()
 
     def clear(self) -> None:

@@ -17,12 +17,12 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.web.game_interface import News, Refused
 from pacman_env.web.roles import DEAD_MAN_S, ROBOT, Roles
 
-PERIOD_S = 0.05  # between zero velocities while stopped: Nav2 may publish other velocities as often
+PERIOD_S = 0.05  # between zero velocities while stopped; Nav2 publishes velocities as often
 _ENDS = 5  # zero velocities at the end of a drive, because one may be lost
-_CANCEL_AGAIN_S = 0.2  # between cancels while stopped, if a goal still runs
-_CANCEL_UNSEEN_S = 0.5  # the same if no goal is visible: the base does not publish its own motions
+_CANCEL_AGAIN_S = 0.2  # between cancel requests while stopped, if a goal runs
+_CANCEL_UNSEEN_S = 0.5  # and if no goal is visible: the base does not report its own motions
 _LONGEST_SHOW_S = 30.0
-_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # words and topic by kind
+_SHOWN: dict[str, tuple[Collection[str], topics.Topic]] = {  # by kind: allowed words, and topic
     "event": (FEEDBACK, topics.GAME_EVENT),
     "light": (LIGHTS, topics.GAME_LIGHT),
     "sound": (SOUNDS, topics.GAME_SOUND),
@@ -36,10 +36,10 @@ class Wheels:
         self,
         publish: Callable[[float, float], None],  # v (m/s) and omega (rad/s), from any thread
         monotonic: Callable[[], float] = time.monotonic,
-        own_thread: bool = True,  # False: the caller calls ``beat`` every ``PERIOD_S``
+        own_thread: bool = True,  # False: no thread; the caller calls ``beat`` every ``PERIOD_S``
     ) -> None:
         self._publish, self._monotonic = publish, monotonic
-        self.driven: tuple[float, float, float] | None = None  # manual v, omega, and start
+        self.driven: tuple[float, float, float] | None = None  # v (m/s), omega (rad/s) and start (s) of a drive by hand
         self._lock = threading.RLock()
         self._stopped = False
         self._zeros = 0  # zero velocities left to publish
@@ -59,7 +59,7 @@ class Wheels:
             self._stopped = False
 
     def drive(self, v: float, omega: float) -> bool:
-        """Drive at this velocity for at most half a second; return False if the robot is stopped."""
+        """Drive at ``v`` (m/s) and ``omega`` (rad/s) for at most 0.5 s; return False if the robot is stopped."""
         with self._lock:
             if self._stopped or self._closed.is_set():
                 return False
@@ -74,7 +74,7 @@ class Wheels:
                 self._publish(0.0, 0.0)
 
     def close(self) -> None:
-        """End a drive and publish no more."""
+        """End a drive by hand, and publish nothing afterwards."""
         with self._lock:
             self.end_drive()
             self._closed.set()
@@ -104,14 +104,14 @@ class Wheels:
 
 
 class RosDriving:
-    """Everything with which the page moves or holds the robot; stops and releases are added to ``news``."""
+    """All means by which the page moves or stops the robot; stops and releases are added to ``news``."""
 
     def __init__(self, node: PageNode, news: News) -> None:
         self._node, self._news = node, news
         self._surroundings = node.surroundings
         self.roles = Roles()
         self._armed: str | None = None  # the person who switched Armed on
-        self._shows_until_s = 0.0  # end of a motion that an operator requested
+        self._shows_until_s = 0.0  # latest end of a motion that an operator requested
         self._cancelled_s = 0.0
         self._velocity = topics.CMD_VEL.publisher(node)
         lock_step = self._surroundings.lock_step
@@ -131,7 +131,7 @@ class RosDriving:
         """Stop the robot and forbid goals until the release; may be called in any thread."""
         try:
             self.wheels.stop()
-        finally:  # each of the three even if another fails
+        finally:  # do all three even if one fails
             try:
                 self._stop.request(True, person)
             finally:
@@ -166,7 +166,7 @@ class RosDriving:
             self.wheels.release()
 
     def _cancel_goals(self) -> None:
-        """Cancel all goals in Nav2 and all motions of the base, of any client."""
+        """Cancel all goals in Nav2 and all motions of the base, whichever program sent them."""
         self._cancelled_s = self._surroundings.monotonic()
         for canceller in self._cancellers:
             if canceller.service_is_ready():
@@ -193,7 +193,10 @@ class RosDriving:
         self.roles.assume(person, role)
 
     def drive(self, v: float, omega: float, most: dict[str, Any]) -> None:
-        """Drive by hand, in m/s and rad/s, if nothing else drives; ``most``: limits from the facts of the scene."""
+        """Drive by hand at ``v`` (m/s) and ``omega`` (rad/s), capped at the limits ``most``, facts of the scene.
+
+        Raises Refused if something else drives the robot.
+        """
         if self._node.game.state != "menu":
             raise Refused("the game drives the robot; to drive by hand, press Reset first")
         if self._node.robot.navigating:
@@ -203,7 +206,11 @@ class RosDriving:
             self.require_not_stopped()
 
     def show(self, what: str, word: str) -> None:
-        """Show a light or a sound; an event only reaches the game if it may move the robot."""
+        """Show a light, a sound, or an event.
+
+        An event is sent to the game only if it moves the robot and a person has switched Armed on. Otherwise only the
+        event's light and sound are shown. Raises Refused if the event would move a robot that drives or is stopped.
+        """
         if what != "event":
             self._publish(what, word)
             return
@@ -222,7 +229,7 @@ class RosDriving:
             self._publish("sound", answer.sound.word)
 
     def arm(self, by: str | None) -> None:
-        """Let events move the robot from now on (``by`` a person), or not (None)."""
+        """Let events move the robot for the person ``by``; None: events move the robot no longer."""
         self._armed = by
         if by is None and self._surroundings.monotonic() < self._shows_until_s and self._node.game.state == "menu":
             self._publish("event", "reset")  # ends the motion

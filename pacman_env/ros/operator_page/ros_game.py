@@ -70,7 +70,7 @@ class RosGame:
         self._why = self._lidar = False
         self._state: str | None = None
         self._found_s = 0.0
-        self._error = ""  # the last error
+        self._error = ""  # the last error of the thread
         self._closed = threading.Event()
         self._doctors = threading.Lock()
         self._surroundings = current()
@@ -99,7 +99,7 @@ class RosGame:
             self._thread.start()
 
     def close(self) -> None:
-        """Stop receiving. A manual drive ends; a stop remains and the game continues."""
+        """Stop receiving, and end a drive by hand. A stopped robot stays stopped, and the game continues."""
         if self._closed.is_set():
             return
         self._closed.set()
@@ -115,7 +115,7 @@ class RosGame:
         """Do nothing: a robot's speed is fixed, and events are disarmed when a person leaves."""
 
     def choices(self) -> dict[str, Any]:
-        """Return the choices of a setup by field, as lists of names: only the policy can be changed."""
+        """Return lists of names by field of a setup; on a robot, a person can choose only the policy."""
         return {"maps": [], "presets": {}, "policies": policy_names(), "behaviours": [], "settings": []}
 
     def scene(self) -> Scene:
@@ -220,7 +220,7 @@ class RosGame:
             raise Refused(str(answer.message))
 
     def _set_pose(self, x: float, y: float, heading: float) -> None:
-        """Publish a pose like RViz's 2D Pose Estimate, with its covariance."""
+        """Publish a pose (m, m, rad) with a covariance, like RViz's 2D Pose Estimate."""
         message = topics.INITIAL_POSE.type()
         stamped = pose_message(x, y, heading, self.node.get_clock().now().to_msg())
         message.header, message.pose.pose = stamped.header, stamped.pose

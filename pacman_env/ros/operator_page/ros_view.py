@@ -25,7 +25,7 @@ from pacman_env.web.scene import scene_facts
 
 
 class RosView:
-    """Scene and newest frame of the game at ``where``; its appearance and end are added to ``news``."""
+    """Scene and newest frame of the game at ``where``; its start and end are added to ``news``."""
 
     def __init__(self, node: PageNode, where: str, news: News) -> None:
         self.scene = Scene(1, {"map": None, "preparing": True})
@@ -53,7 +53,7 @@ class RosView:
             self._news.add(words=f"the game is gone: {self._notice}")
             node.game.state = None
         robot_gone = not exists and not node.robot.alive
-        if robot_gone and not self._robot_gone:  # once: the next robot's latched messages may come before its odometry
+        if robot_gone and not self._robot_gone:  # once: the next robot's latched messages may precede its odometry
             node.robot.clear()
             node.game.clear()
         self._robot_gone = robot_gone
@@ -131,7 +131,7 @@ class RosView:
 
 
 def _pellets(game: PublishedGame) -> dict[int, Position]:
-    """Return positions by id: first the candidates in their order, then unreachable pellets."""
+    """Return the positions (m) of the pellets by id: first the candidates in their order, then unreachable pellets."""
     positions = dict(zip(game.pellet_ids, game.places, strict=False))
     return positions | {number: game.pellets[number] for number in sorted(game.pellets) if number not in positions}
 
@@ -179,7 +179,7 @@ def _number(game: PublishedGame, name: str) -> float:
 def _alerts(node: PageNode) -> list[dict[str, Any]]:
     """Return the alerts that need a person.
 
-    Their texts contain no seconds, because they belong to the scene, which seldom changes.
+    The texts contain no times in seconds, because each change of a text makes a new scene.
     """
     troubles, silent = node.game.troubles, {} if node.game.state is None else node.game.unresponsive
     remedies = {**REMEDIES, **dict.fromkeys(map(NO_RESPONSE.format, silent), START_AGAIN)}

@@ -11,7 +11,7 @@ from pacman_env.ros.message_conversion import BadMessage, Pose, pose_of, seconds
 from pacman_env.world.navigation.localization import compose, wrap
 
 BASE, MAP, ODOM = "base_link", "map", "odom"
-_BETWEEN = frozenset({BASE, "base_footprint", ODOM})  # frames whose parents matter
+_BETWEEN = frozenset({BASE, "base_footprint", ODOM})  # child frames of the transforms that are used
 _MOTION_S = 0.1  # shortest time over which velocities are measured
 _SET_BACK_S = 1.0  # odometry stamps that jump back farther mean a restart of the robot
 
@@ -27,12 +27,12 @@ class Belief:
 
 
 class Chain(NamedTuple):
-    """Transform from the map to the base in two parts, and the arrival of the older part, s."""
+    """Pose of the base in the map as a chain of two transforms; ``received_s`` is the arrival of the older one."""
 
     correction: Pose  # pose of odom in the map
     travelled: Pose  # pose of the base in odom
     received_s: float
-    travelled_s: float  # stamp of the newest odometry: delayed messages arrive all at once
+    travelled_s: float  # stamp of the newest odometry; arrivals do not tell its age
 
     @property
     def pose(self) -> Pose:
@@ -43,8 +43,8 @@ class Chain(NamedTuple):
 @dataclass(frozen=True)
 class _Link:
     parent: str
-    pose: Pose  # in the parent
-    received_s: float  # infinite for a static transform
+    pose: Pose  # of the frame in its parent
+    received_s: float  # arrival; infinite for a static transform
 
 
 class BelievedPose:
@@ -58,14 +58,14 @@ class BelievedPose:
         self._timeout_s = timeout_s
         self._links: dict[str, _Link] = {}
         self._latched: tuple[Pose, float] | None = None
-        self._odometry: tuple[Pose, float] | None = None  # base in odom and its stamp, at the start of the motion
+        self._odometry: tuple[Pose, float] | None = None  # base in odom and stamp, last measurement
         self._velocity = (0.0, 0.0)
-        self._stamp_s = 0.0  # of the newest odometry
+        self._stamp_s = 0.0  # stamp of the newest odometry
         self.restarts = 0  # restarts of the odometry, detected from stamps that jump back
         self._first_s = math.inf  # arrival of the first transform that is not static
 
     def transforms(self, message: Any, now_s: float, static: bool = False) -> list[str]:
-        """Use a TFMessage, and return the errors in its relevant transforms."""
+        """Use a TFMessage that arrived at ``now_s``, and return the errors in its relevant transforms."""
         troubles = []
         for transform in message.transforms:
             if transform.child_frame_id.lstrip("/") not in _BETWEEN:
@@ -107,7 +107,7 @@ class BelievedPose:
         return max(0.0, now_s - since_s)
 
     def without_odometry_s(self, now_s: float) -> float:
-        """Return the time since the last transform from the base to odom, s; 0 if there never was one."""
+        """Return the time since the last transform from the base to odom, s; 0 if none was ever received."""
         return max((now_s - link.received_s for link in self._links.values() if link.parent == "odom"), default=0.0)
 
     def chain(self) -> Chain | None:
@@ -133,7 +133,7 @@ class BelievedPose:
         return None
 
     def _move(self, pose: Pose, stamp_s: float) -> None:
-        """Measure the velocity from odometry."""
+        """Measure the velocity from the pose of the base in odom, once per ``_MOTION_S``."""
         self._stamp_s = stamp_s
         if self._odometry is not None:
             (x, y, heading), since_s = self._odometry

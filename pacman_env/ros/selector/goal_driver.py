@@ -28,7 +28,7 @@ from pacman_env.ros.selector.selection import Selection
 from pacman_env.sim.observation.situation import Situation
 
 _STOPPED = "stopped by the operator"
-_REPEAT_S = 2.0  # wall time; a referee restarts no faster when the game's clock runs faster
+_REPEAT_S = 2.0  # wall time, because a restart of the referee takes wall time
 _NAV2_CHECK_S = 0.5  # wall time, shorter than any restart of a simulated robot
 _PUBLISHED = (
     *(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL),
@@ -47,14 +47,14 @@ class GoalDriver:
         self._executor = selection.executor
         self._jump = jump
         selection.resume(jump.load())
-        self._tick_timer: Any = None  # None if not active
-        self._fresh = False  # activated, but no tick yet
-        self._shown_ready = False  # ``nav2`` in the last diagnostics
-        self._cleared = False  # earlier goals have been cancelled
+        self._tick_timer: Any = None  # None while the node is inactive
+        self._fresh = False  # True between the activation and the first tick
+        self._shown_ready = False  # value of ``nav2`` in the last diagnostics
+        self._cleared = False  # True once all earlier goals have been cancelled
         power = node.config.power.pellets > 0
         published = (*_PUBLISHED, topics.HARMLESS_GHOSTS) if power and not passive else _PUBLISHED
         self._out = {topic.name: topic.publisher(node) for topic in published}
-        self._ghost_times: list[float] = []  # times as published
+        self._ghost_times: list[float] = []  # the times that were last published
         self._nav2 = NavigationClient(node, self._on_accepted, self._on_rejected, self._on_finished)
         self._operator = None if passive else OperatorStop(node, self._on_stop)
         self._publish_json(topics.CANDIDATES, goal_scores.candidates_of(selection.view.assets))
@@ -124,7 +124,7 @@ class GoalDriver:
         self.deactivate()
         self._stop()
         ended = self._nav2.finish()
-        ended.add_done_callback(lambda _: self._stop())  # again: Nav2 drove until it received the cancels
+        ended.add_done_callback(lambda _: self._stop())  # again, because Nav2 drove until it received the cancels
         return (ended,)
 
     # Messages
@@ -193,7 +193,7 @@ class GoalDriver:
         self._decide()
 
     def _check_nav2(self) -> None:
-        """Report a missing Nav2 by wall clock: without the simulated robot its clock stops, and with it the ticks."""
+        """Report a missing Nav2, by wall time: without the simulated robot its clock stops, and so do the ticks."""
         if self._tick_timer is not None and not self._passive and not self._nav2.ready:
             self._do(self._executor.nav2(False, self._node.now_s()))
 
@@ -204,7 +204,7 @@ class GoalDriver:
             return
         try:
             self._explain(*selection.decision, now - self._executor.began_s)
-        except PolicyError as error:  # the choice counts even without an explanation
+        except PolicyError as error:  # the choice remains valid without an explanation
             self._node.once.warning("no scores", f"{error}; its scores are not shown")
 
     def _explain(self, situation: Situation, chosen: int, round_s: float) -> None:

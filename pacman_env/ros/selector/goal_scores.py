@@ -15,14 +15,15 @@ from pacman_env.ros.topics import SCORE_MARKERS
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.observation.situation import HOLD, Situation
 
-_HEIGHT_M = 0.25  # height of letters
+_HEIGHT_M = 0.25  # height of the letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
 
 def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
-    """Return a MarkerArray: DELETEALL, then each finite score (C,) at its candidate's place, the chosen one in green.
+    """Return a MarkerArray with a text marker for each finite score (C,) at the place of its candidate.
 
-    Marker ids are candidate numbers; hold is shown at the robot.
+    The chosen candidate's score is green, and hold is shown at the robot. Marker ids are candidate numbers. The first
+    marker deletes all earlier ones.
     """
     markers = [Marker(ns=SCORE_MARKERS, action=Marker.DELETEALL)]
     markers[0].header.frame_id, markers[0].header.stamp = "map", stamp
@@ -45,7 +46,7 @@ def candidates_of(assets: MapAssets) -> dict[str, Any]:
 
 
 def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float, robot_mps: float) -> dict[str, Any]:
-    """Explain a choice of the policy: terms and distances of the chosen candidate and of each allowed one."""
+    """Explain a choice at ``time_s`` of a round: terms and distances of the chosen and of all allowed candidates."""
     rows = []
     for candidate, terms in enumerate(policy.explain(situation)[0]):
         if situation.mask[0, candidate] or candidate == chosen:

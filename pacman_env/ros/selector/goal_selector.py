@@ -47,7 +47,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
         self._rate = parameter(self, "diagnostics_rate", 1.0, "diagnostics messages per second", 1.0, 10.0)
         text = "age of a transform, s, beyond which the latched amcl_pose is used instead"
         timeout_s = parameter(self, "pose_timeout_s", PoseLimits.timeout_s, text, 0.1, 10.0)
-        # AMCL stamps its transform 1 s into the future, so Nav2 has been without one for 1 s by then.
+        # AMCL stamps its transform 1 s into the future: after 2 s without one, Nav2 has had none for 1 s.
         text = "time without a transform, s, until the pose is lost: no goals and no pellets until one arrives"
         lost_s = parameter(self, "pose_lost_s", PoseLimits.lost_s, text, 0.5, 60.0)
         # AMCL corrects at most its error: 0.03 to 0.04 m in corridors 1 m wide, up to 0.8 m in corridors 0.5 m wide.
@@ -61,7 +61,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
 
         self._driver: GoalDriver | None = None  # None if not configured
         self._fault = ""  # reason why configuring failed
-        self._loaded: tuple[str, Policy] | None = None  # checked policy, used after the parameter is set
+        self._loaded: tuple[str, Policy] | None = None  # name and policy, used once the parameter is set
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._use_loaded)
         if autostart:
@@ -90,7 +90,7 @@ class GoalSelector(LifecycleNodeMixin, GameNode):
             self._fault = str(error)
             self.get_logger().error(self._fault)
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # rclpy would discard the exception without a message
+        except Exception:  # rclpy would discard the exception silently
             self.get_logger().error(traceback.format_exc())
             raise
         return super().on_configure(state)

@@ -1,8 +1,8 @@
-"""Count goals in a row that Nav2 does not reach, describe its error codes and delay the next goal."""
+"""Count goals in a row that Nav2 does not reach, describe Nav2's error codes, and delay the next goal."""
 
 from pacman_env.game.execution import ABORTED, REJECTED, SUCCEEDED
 
-MANY = 3  # failures in a row from which they are reported
+MANY = 3  # this many failures in a row are reported
 _QUICK_S = 2.0  # a goal that fails sooner was not tried: Nav2 needs 11 s if there is no path, 150 s if stuck
 _SHORTEST_S, _LONGEST_S = 1.0, 5.0  # between two goals while all goals fail quickly
 _SERVERS = {  # Nav2 Jazzy (1.3.13): first error code and names as in nav2_msgs/action; the navigator forwards the code
@@ -43,17 +43,20 @@ class Nav2Failures:
     """Count of goals in a row that were aborted or rejected.
 
     If all goals fail immediately, because of a lost transform or an inactive planner, the next goal is delayed: by 1 s
-    after the third failure, twice as long after each further one, at most 5 s.
+    after the third failure in a row, by twice as long after each further failure, and by 5 s at most.
     """
 
     def __init__(self) -> None:
         self.in_a_row = 0
-        self._quick = 0  # number of the last failures that came at once
+        self._quick = 0  # failures in a row within ``_QUICK_S`` of the start
         self._what, self._code = ABORTED, 0
         self._wait_until_s = 0.0
 
     def ended(self, status: int, code: int, lasted_s: float, now: float) -> None:
-        """Count the end of the current goal: ``status`` from action_msgs/GoalStatus or REJECTED, ``code`` from Nav2."""
+        """Count the end of the current goal at the time ``now``, s, after ``lasted_s``.
+
+        ``status`` is from action_msgs/GoalStatus or REJECTED, ``code`` is Nav2's error code.
+        """
         if status == SUCCEEDED:
             self.reset()
         if status not in (ABORTED, REJECTED):

@@ -16,8 +16,8 @@ from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.ros.surroundings import current
 
 _CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_REQUEST_AGAIN_S = 5.0  # wall time
-_CLEAR_S = 1.0  # wall time allowed for cancelling all goals
+_REQUEST_AGAIN_S = 5.0  # wall time between requests of a result
+_CLEAR_S = 1.0  # longest wait for the answer to a cancel of all goals, wall time
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
@@ -28,8 +28,8 @@ class _SentGoal:
     accepted: bool = False
     request: Future | None = None  # request of the result
     requested_s: float = 0.0
-    status: int | None = None  # set if the goal has ended, but its result has not arrived
-    overdue: bool = False  # ``status`` was set already at the last call of ``end_without_results``
+    status: int | None = None  # set if the goal has ended without a result so far
+    overdue: bool = False  # ``status`` was set when ``end_without_results`` was last called
 
 
 class NavigationClient:
@@ -58,7 +58,7 @@ class NavigationClient:
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._goals: dict[int, _SentGoal] = {}
         self._newest: Any = None  # newest feedback, of any goal
-        self.forbidden = False  # if True, goals of all nodes are cancelled
+        self.forbidden = False  # if True, every goal of any node is cancelled
         self._all_ended: Future | None = None  # result of ``finish``
         self._destroyed = False
         self.last_status, self.last_error = 0, 0  # result of the last goal that ended

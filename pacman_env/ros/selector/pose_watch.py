@@ -18,29 +18,29 @@ _WINDOW_S = 3.0  # corrections in this window add up: AMCL makes one every 1.0 t
 
 @dataclass(frozen=True)
 class PoseLimits:
-    """Limits beyond which a pose is not trusted; see the parameters of the goal selector."""
+    """Limits of a trusted pose; see the parameters of the goal selector."""
 
     timeout_s: float = 1.0  # age of a transform beyond which the latched pose is used
     lost_s: float = 2.0  # age of a transform beyond which the pose is lost
     jump_m: float = 1.0  # correction that odometry does not explain
     jump_rad: float = 1.0
-    fastest_mps: float = 0.46  # speed of the wheels: faster odometry has itself jumped
+    fastest_mps: float = 0.46  # speed of the wheels: odometry that is faster has jumped itself
 
 
 class PoseWatch:
     def __init__(self, believed: BelievedPose, limits: PoseLimits) -> None:
         self._believed, self._limits = believed, limits
-        self._seen: deque[tuple[float, Chain]] = deque()  # times (s) and transforms, from just before the window
+        self._seen: deque[tuple[float, Chain]] = deque()  # times (s) and transforms in the window, and one before
         self._restarts = 0  # restarts of the odometry
-        self._given: tuple[Pose, Pose | None] | None = None  # pose set by a person, and odometry's pose at that time
+        self._given: tuple[Pose, Pose | None] | None = None  # pose set by a person; pose by odometry then
         self.jump = ""  # text of the jump to answer; empty: none
-        self.other_map = ""  # how localization's map differs
+        self.other_map = ""  # how localization's map differs from the game's; empty: it does not
 
     def reasons(self, now: float) -> dict[str, str]:
-        """Return a text for each reason not to play with the pose, empty if the reason does not apply."""
+        """Return a text for each reason not to play with the pose at ``now``, s; empty if the reason does not apply."""
         silent_s, without_s = self._believed.silent_s(now), self._believed.without_odometry_s(now)
         lost = silent_s > self._limits.lost_s
-        no_odometry = lost and without_s > self._limits.lost_s / 2  # AMCL is silent because odometry is
+        no_odometry = lost and without_s > self._limits.lost_s / 2  # without odometry AMCL is silent, too
         lost = lost and not no_odometry
         return {
             NO_ODOMETRY: f"no odometry for {without_s:.0f} s: the base is silent" if no_odometry else "",
@@ -50,7 +50,7 @@ class PoseWatch:
         }
 
     def check(self, now: float) -> None:
-        """Compare the newest transforms with earlier ones; call this before deciding with them."""
+        """Compare the newest transforms at ``now``, s, with earlier ones; call this before each decision."""
         chain = self._believed.chain()
         if chain is None or now - chain.received_s > self._limits.timeout_s:
             return
@@ -65,7 +65,7 @@ class PoseWatch:
         if self._seen:
             self.jump = self._jump_to(chain, now)
             if self.jump:
-                self._given = None  # a pose set before the jump is no answer to it
+                self._given = None  # a pose that was set before the jump does not explain it
                 return
         self._seen.append((now, chain))
         while len(self._seen) > 1 and now - self._seen[1][0] >= _WINDOW_S:
@@ -104,7 +104,7 @@ class PoseWatch:
         )
 
     def _agrees_with_given(self, chain: Chain) -> bool:
-        """Return True if the pose is the one set by a person, moved by odometry since."""
+        """Return True if the pose agrees with the pose that a person set, moved by odometry since then."""
         if self._given is None:
             return False
         pose, travelled = self._given

@@ -30,7 +30,7 @@ _LONGEST = 300  # characters of a trouble's text
 
 
 def troubles_of(condition: Mapping[str, Any]) -> dict[str, str]:
-    """Return the text of each trouble in a goal selector's diagnostics by kind, for terminal, page and doctor.
+    """Return the text of each trouble in a goal selector's diagnostics, by kind of trouble.
 
     The result is empty for diagnostics of another project.
     """

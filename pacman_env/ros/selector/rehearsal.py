@@ -12,7 +12,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.policy_calls import choose, name_of, reset, scores
 from pacman_env.sim.observation.robot_view import RobotView
 
-SLOW_S = 1.0  # a slower choice is discarded: robot and ghosts have moved on by then
+SLOW_S = 1.0  # a slower choice is discarded, because robot and ghosts have moved
 
 
 def rehearse(
@@ -20,8 +20,8 @@ def rehearse(
 ) -> Policy:
     """Run the policy and return it; raises ValueError or TypeError if it fails, or needs more than ``SLOW_S``.
 
-    ``clock_s`` measures the choices in s; it stands still in lock-step. The policy sees a wandering ghost and a chasing
-    one, because a map of its own predicts the chase.
+    ``clock_s`` returns a time in s to measure the choices; in lock-step it stands still. The policy chooses against a
+    wandering ghost and a chasing ghost, because other code and data predict a chase.
     """
     situation, first = view.sample_situation(), np.ones(1, np.bool_)
     chased = situation.copy()

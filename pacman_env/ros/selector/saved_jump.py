@@ -5,7 +5,7 @@ from typing import Any
 
 from pacman_env.ros.nodes.state_file import StateFile
 
-_MAX_AGE_S = 600.0  # wall time; a jump in an old game must not stop a new game
+_MAX_AGE_S = 600.0  # wall time; a jump of an older game must not stop a new game
 
 
 class SavedJump:

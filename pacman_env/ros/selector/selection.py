@@ -49,7 +49,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 
 class Troubles(Protocol):
-    """Receiver of troubles by kind and text: `warning` for a passing one, `begin` and `over` for a lasting one."""
+    """Receiver of troubles by kind and text: ``warning`` for short ones, ``begin`` and ``over`` for lasting ones."""
 
     def warning(self, key: str, text: str) -> None: ...
 
@@ -59,11 +59,13 @@ class Troubles(Protocol):
 
 
 class Selection:
-    """Warmed-up policy on a prepared map; message handlers return the actions to perform and raise BadMessage.
+    """Choice of goals by a rehearsed policy on a prepared map.
 
-    Without ``home``, home is where the robot leaves the menu for the first time, or after its pose was set in the menu.
-    AMCL has corrected a clicked pose by then. After a start in the middle of a game, it is the map's home. Raises
-    MapError, and the exceptions of ``make_policy`` and ``rehearse``.
+    Message handlers return the actions to perform, and raise BadMessage; ``now`` is the node's time, s.
+
+    Without ``home``, the home is the robot's pose when it first leaves the menu, or leaves it after a person has set
+    the pose in the menu: AMCL has corrected a clicked pose by then. After a start in the middle of a game, the map's
+    home is used. Raises MapError, and the exceptions of ``make_policy`` and ``rehearse``.
     """
 
     def __init__(
@@ -82,14 +84,14 @@ class Selection:
         instance = make_policy(policy)  # refuses an unusable policy before anything is compiled
         self.view = RobotView(map_assets(map, config, home), config)
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
-        self._fresh = False  # the policy has been reset for this round
+        self._fresh = False  # True once the policy has been reset for this round
         self.spec, self.policy = policy, rehearse(instance, self.view, config, self._perf_counter)
-        self.decision: tuple[Situation, int] | None = None  # decision of the last call, if it asked the policy
+        self.decision: tuple[Situation, int] | None = None  # set if the last ``decide`` called the policy
         self._believed = BelievedPose(limits.timeout_s)
         self._ghosts = GhostWatch()
         self._watch = PoseWatch(self._believed, limits)
         self._nav2 = Nav2Failures()
-        self._collected = 0  # pellets of the round, at the last decision
+        self._collected = 0  # pellets collected in the round until the last ``decide``
         self._belief: Belief | None = None
         self._unknown_pellets: tuple[int, ...] = ()
         self._times_ms: deque[float] = deque(maxlen=1000)
@@ -128,7 +130,7 @@ class Selection:
         return [number for number in pellets if not self.view.is_candidate(number)]
 
     def on_count(self, use: Callable[[int], None], least: int, message: Any, now: float) -> None:
-        """Pass the referee's number in a message, at least ``least``, to ``use``."""
+        """Pass the number in a referee's message to ``use``; BadMessage if it is below ``least``."""
         use(int(number_of(message, least, 2**31 - 1)))
 
     def on_spawned(self, message: Any, now: float) -> None:
@@ -145,7 +147,7 @@ class Selection:
     # Where the robot is
 
     def on_initial_pose(self, message: Any, now: float) -> None:
-        """Note a pose set by a person; in the menu it becomes the home, unless a home was given."""
+        """Note a pose that a person has set. In the menu the home then follows the pose, unless a home was given."""
         pose = pose_of(message)
         if self.view.off_the_map(*pose[:2]):
             raise BadMessage(f"({pose[0]:.2f}, {pose[1]:.2f}) is off the map")
@@ -167,7 +169,7 @@ class Selection:
         return self._watch.jump
 
     def resume(self, jump: str) -> None:
-        """Restore an unanswered jump of an earlier process."""
+        """Restore the text of a pose jump that no person answered in an earlier process."""
         self._watch.jump = jump
 
     def accept_pose(self) -> None:
@@ -181,10 +183,10 @@ class Selection:
             self._warn("bad tf_static" if static else "bad tf", trouble)
 
     def watch(self, now: float) -> list[ExecutorAction]:
-        """Hold while the pose is not trusted or a ghost is lost; call this after each reception of transforms."""
+        """Hold while the pose is not trusted or a ghost is lost; call this after new transforms were handled."""
         actions: list[ExecutorAction] = []
         self._watch.check(now)
-        # Reasons that apply come first: if one replaces another, no goal is sent in between.
+        # Begin holds before ending others: if one reason replaces another, no goal is sent in between.
         reasons = {**self._watch.reasons(now), GHOST_LOST: self._ghosts.lost(now) if self.executor.playing else ""}
         for reason, words in sorted(reasons.items(), key=lambda pair: not pair[1]):
             self._report(reason, words)
@@ -211,7 +213,7 @@ class Selection:
     # Choosing
 
     def decide(self, now: float, do: Callable[[list[ExecutorAction]], None]) -> None:
-        """Apply the rules and choose a goal if one is needed; pass the actions to ``do``.
+        """Apply the rules at the time ``now``, s, choose a goal if one is needed, and pass the actions to ``do``.
 
         The policy is called only if a decision is due (``game/decisions.py``). Otherwise its last choice is repeated,
         as in the simulator.
@@ -238,7 +240,7 @@ class Selection:
             pursued=self.executor.sent.pursued,
             harmless_s=np.maximum(times - now, 0.0) if self._config.power.pellets > 0 else None,
         )
-        situation = self.view.situation(seen)  # every time: it measures Clyde's approach
+        situation = self.view.situation(seen)  # even if no decision is due: it measures Clyde's approach
         news = seen.left, self.executor.round.record.caught
         moment = Moment(now, seen.pursued, news, self.view.nearest_ghost_m(belief.pose[:2]))
         due = self._last.due(moment)
@@ -281,7 +283,7 @@ class Selection:
             self._watch_nav2()
 
     def _watch_nav2(self) -> None:
-        """Report failures of Nav2 in a row, until a goal is reached or a pellet collected."""
+        """Report that Nav2 fails repeatedly, until the robot reaches a goal or collects a pellet."""
         previous, self._collected = self._collected, self.executor.round.record.collected
         if self._collected > previous:
             self._nav2.reset()
@@ -324,7 +326,10 @@ class Selection:
 
 
 def _ask(policy: Policy, situation: Situation, begins: Config | None, clock_s: Callable[[], float]) -> int:
-    """Return the policy's choice, after a reset if a round ``begins``; PolicyError if it fails or is slow."""
+    """Return the policy's choice; raises PolicyError if the policy fails or is slow.
+
+    If ``begins`` is a configuration, a round with it begins, and the policy is reset first.
+    """
     start_s = clock_s()
     if begins is not None:
         reset(policy, np.ones(1, np.bool_), begins)

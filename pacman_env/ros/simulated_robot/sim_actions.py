@@ -40,7 +40,7 @@ class Server(ABC):
         if self._server is None:
             self._server = self.action.server(
                 self.node,
-                lambda handle: None,  # end() gives the result
+                lambda handle: None,  # ``end`` gives the result
                 callback_group=self._group,
                 goal_callback=self._judge,
                 handle_accepted_callback=self._begin,
@@ -88,7 +88,7 @@ class Server(ABC):
     def begin(self, key: bytes, request: Any) -> None: ...  # starts an accepted goal
 
     @abstractmethod
-    def cancel(self, key: bytes) -> bool: ...  # True if that is possible
+    def cancel(self, key: bytes) -> bool: ...  # returns True if the goal can be cancelled
 
 
 class NavigateServer(Server):
@@ -96,7 +96,7 @@ class NavigateServer(Server):
 
     def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
         self.navigation, self.faults = navigation, faults
-        self._late: list[tuple[float, Future]] = []  # robot time of their acceptance
+        self._late: list[tuple[float, Future]] = []  # delayed goals: robot time (s) of acceptance, and answer
         super().__init__(node, topics.NAVIGATE_TO_POSE)
 
     def close(self) -> None:
@@ -147,7 +147,7 @@ class NavigateServer(Server):
 
 @dataclass
 class _Melody:
-    """A melody: its start (s), and how often its notes of ``length_s`` in all are played."""
+    """A melody that plays since ``began_s``: its notes, which last ``length_s``, are played ``iterations`` times."""
 
     key: bytes
     began_s: float
@@ -159,7 +159,7 @@ class _Melody:
 class NotesServer(Server):
     """Server of ``audio_note_sequence`` with one melody at a time; a new melody ends the current one.
 
-    ``show`` is called with the current sound at each change.
+    ``show`` is called with a description of the sound at each start and end of a melody.
     """
 
     def __init__(self, node: GameNode, show: Callable[[dict[str, Any]], None]) -> None:
@@ -206,7 +206,7 @@ class NotesServer(Server):
             self.publish_feedback(self._playing.key, iterations_played=played, current_runtime=runtime)
 
     def _progress(self, playing: _Melody) -> tuple[int, Any]:
-        """Return the number of complete iterations, and the playing time."""
+        """Return the number of complete iterations, and the playing time as a Duration message."""
         runtime_s = self._now_s - playing.began_s
         played = math.floor(runtime_s / playing.length_s + 1e-6)
         if playing.iterations > 0:

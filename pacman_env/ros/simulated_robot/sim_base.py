@@ -16,13 +16,13 @@ from ..message_conversion import BadMessage, pose_message
 from ..node import GameNode
 from .sim_actions import Server
 
-#: From the Create 3's simulator: capacity, Ah; current, A, at rest, driving, charging; voltage, V, full and empty.
+#: Battery in the Create 3's simulator: capacity; current at rest, driving and charging; voltage when full and empty.
 CAPACITY_AH, IDLE_A, DRIVING_A, CHARGING_A, FULL_V, EMPTY_V = 2.046, -0.404, -0.526, 0.9, 16.474, 13.2
 #: Zones of the bumper from left to right (Create 3's simulator).
 ZONES = ("bump_left", "bump_front_left", "bump_front_center", "bump_front_right", "bump_right")
 #: Change of the charge (0 to 1) per s while the base stands, drives, charges (Create 3's simulator).
 IDLE_PER_S, DRIVING_PER_S, CHARGING_PER_S = -5.634e-5, -8.875e-5, 1.2658e-4
-RVIZ_VARIANCE = (0.25, 0.25, 0.0685)  # m2, m2, rad2, of "2D Pose Estimate"
+RVIZ_VARIANCE = (0.25, 0.25, 0.0685)  # x (m2), y (m2), heading (rad2) in RViz's "2D Pose Estimate"
 _SLOW = 0.005  # m/s and rad/s; a slower base stands
 _STATUS_S = 1.0  # between messages of the battery, and of the dock
 _BACK_MPS = -0.01  # a faster command backwards triggers the base's backup limit
@@ -62,7 +62,7 @@ class MotionServer(Server):
 
 
 class Base:
-    """Topics and actions of the base; call ``step`` before each step of the robot, ``publish`` with each scan."""
+    """Topics and actions of the base; call ``step`` before each step of the robot, and ``publish`` at each scan."""
 
     def __init__(self, node: GameNode, robot: SimulatedRobot, dock: Pose | None, charge: float) -> None:
         self.robot, self.dock = robot, Dock(robot, dock)
@@ -96,7 +96,7 @@ class Base:
         self._canceled = True
 
     def command(self, v: float, omega: float) -> None:
-        """Apply a commanded velocity; it is refused backwards, and ignored on the dock and while docking."""
+        """Apply a commanded velocity, m/s and rad/s: none while docking, 0 on the dock, and never backwards."""
         self._backed = self._backed or v < _BACK_MPS
         if self._motion is None:
             self.robot.set_velocity(*((0.0, 0.0) if self.dock.docked else (v, omega)))
@@ -160,7 +160,7 @@ class Base:
 
 
 class InitialPose:
-    """Publisher of the true pose for a real AMCL, like a person in RViz, until AMCL has published a pose."""
+    """Publisher of the robot's true pose as the initial pose of a real AMCL, until AMCL has published a pose."""
 
     def __init__(self, node: GameNode, robot: SimulatedRobot) -> None:
         self._node, self._robot = node, robot
@@ -184,7 +184,7 @@ class InitialPose:
 
 
 def zone_of(angle: float) -> str:
-    """Return the bumper zone at an angle from ahead, rad; "" behind the bumper."""
+    """Return the bumper zone at ``angle``, rad, from straight ahead; "" if there is no bumper at the angle."""
     if abs(angle) > math.pi / 2:
         return ""
     return ZONES[min(int((math.pi / 2 - angle) / (math.pi / 5)), len(ZONES) - 1)]

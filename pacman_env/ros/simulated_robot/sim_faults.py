@@ -1,17 +1,17 @@
-"""Parse faults of the simulated robot: ``abort 2.0`` begins one, ``end abort`` ends it, ``end`` ends all."""
+"""Parse faults of the simulated robot: ``abort 2.0`` begins a fault, ``end abort`` ends it, ``end`` ends all faults."""
 
 import math
 
-#: Each fault and the names of its numbers.
+#: By fault: the names of its numbers.
 FAULTS: dict[str, tuple[str, ...]] = {
     "reject": (),  # all goals are rejected
     "abort": ("seconds",),  # all goals are aborted this time after their acceptance
     "nav2_away": (),  # the navigator's servers are gone
     "late_acceptance": ("seconds",),  # goals are accepted with this delay
     "pose_lost": (),  # no amcl_pose, no transform from map to odom
-    "pose_jump": ("x", "y", "heading"),  # m, m, rad: the filter converges this far from the truth
+    "pose_jump": ("x", "y", "heading"),  # m, m, rad: AMCL converges this far from the true pose
     "kidnap": ("x", "y", "heading"),  # m, m, rad in the map: moved there; odometry and AMCL do not notice until the end
-    "wheels_slip": ("seconds",),  # the wheels turn, but the robot stands this time; AMCL does not notice until then
+    "wheels_slip": ("seconds",),  # the wheels turn, but the robot stands this long; AMCL does not notice until then
     "base_silent": (),  # only the lidar publishes, as after a stop of a TurtleBot 4's create3_republisher
     "clock_jump": ("seconds",),  # /clock and all stamps are ahead by this time (negative: behind)
 }
@@ -34,10 +34,10 @@ class Faults:
         return self.now[name][0] if name in self.now else None
 
     def apply(self, text: str) -> str:
-        """Begin a fault (``NAME NUMBERS``), or end one (``end NAME``) or all (``end``); case does not matter.
+        """Begin a fault (``NAME NUMBERS``), end a fault (``end NAME``), or end all (``end``); case does not matter.
 
-        Returns the name of a fault that begins, else "". Raises ValueError, without any change, for an unknown fault or
-        wrong numbers.
+        Returns the name of the fault that begins, else "". For an unknown fault or wrong numbers, raises ValueError and
+        changes nothing.
         """
         words = text.lower().split()
         if not words:

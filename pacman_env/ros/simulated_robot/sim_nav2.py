@@ -19,8 +19,8 @@ Handlers = tuple[tuple[topics.Topic, Callable[[Any], None]], ...]
 class Nav2StandIn:
     def __init__(self, node: GameNode, navigation: Navigation, faults: Faults) -> None:
         self.node, self.navigation, self.robot = node, navigation, navigation.robot
-        self._marks: dict[int, tuple[float, float]] = {}  # last positions of ghosts
-        self._marked_step: int | None = None  # step of the last position
+        self._marks: dict[int, tuple[float, float]] = {}  # by ghost: its last position, m
+        self._marked_step: int | None = None  # step in which the last position arrived
         self.server = NavigateServer(node, navigation, faults)
         self._clear_costmap = topics.CLEAR_GLOBAL_COSTMAP.server(node, self._clear)
 

@@ -38,12 +38,12 @@ FAULTS_NOW = topics.Topic("sim/faults", "std_msgs/String", topics.LATCHED)  # JS
 
 FASTEST = 10.0
 CATCH_UP_S = 0.5  # wall time; a longer delay is skipped
-AT_ONCE = 10  # most steps before messages are received again
-#: Topics whose publisher in the robot's namespace is a robot's base; topic whose publisher is another simulation.
+AT_ONCE = 10  # most steps between two receptions of messages
+#: Topics that a base publishes in the robot's namespace; topic that only another simulation publishes.
 BASE, CLOCK = (topics.ODOMETRY.name, topics.SCAN.name), (topics.CLOCK.name,)
 OTHERS_S = 1.0  # wall time between searches for other robots
 ONE_CLOCK = "give one of them another domain"
-RATES_HZ = (20, 40, 50, 100)  # of odometry; whole milliseconds, and whole steps in all periods of the configuration
+RATES_HZ = (20, 40, 50, 100)  # of odometry; the periods are whole ms and divide all periods of the configuration
 BASE_HZ = 50  # without navigation: several messages per period of Nav2's controller
 AT_HOME = "home"
 START_NS = 1_000_000_000  # first simulated time, because a stamp of zero means "no time"
@@ -92,7 +92,7 @@ class SimRobot(GameNode):
         at, is_localized = _pose(home, "home"), localized and self._localizes
         robot = SimulatedRobot(self.map, config, seed, home=at, localized=is_localized, drifts=not self._localizes)
         self.robot = robot
-        robot.compile_kernels()  # other nodes are discovered meanwhile
+        robot.compile_kernels()  # meanwhile other nodes are discovered
         self._starting = True
         if reason := self._other_robot():
             raise ValueError(reason)
@@ -160,7 +160,7 @@ class SimRobot(GameNode):
             topic.subscription(self, partial(self._handle, topic.name, handle))
 
     def _handle(self, name: str, handle: Callable[[Any], None], message: Any) -> None:
-        """Handle a message; a bad one is logged once and changes nothing."""
+        """Handle a message; a bad message is logged once and changes nothing."""
         try:
             handle(message)
         except ValueError as error:
@@ -177,7 +177,7 @@ class SimRobot(GameNode):
         return Time(sec=seconds, nanosec=nanoseconds)
 
     def tick(self) -> None:
-        """Step the world up to the wall clock, at most ``AT_ONCE`` steps."""
+        """Step the world to the present wall time (times the speed), at most ``AT_ONCE`` steps."""
         step_s = self.step_ns * 1e-9 / self._speed
         behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
@@ -219,7 +219,7 @@ class SimRobot(GameNode):
 
     def _on_velocity(self, message: Any) -> None:
         if "base_silent" in self._faults:
-            return  # velocities pass through the same process
+            return  # the silent process also passes velocities to the base
         twist = getattr(message, "twist", message)
         (self.robot.set_velocity if self._base is None else self._base.command)(twist.linear.x, twist.angular.z)
 

@@ -19,9 +19,9 @@ from .. import topics
 from ..message_conversion import pose_message, transform_message
 
 LIDAR_FRAME, FOOTPRINT_FRAME = "rplidar_link", "base_footprint"
-#: AMCL stamps its transform this far ahead, so that it stays valid until the next one (TurtleBot 4's file).
+#: AMCL stamps its transform this far ahead, so that the transform is valid until the next one (TurtleBot 4's file).
 TRANSFORM_TOLERANCE_NS = 1_000_000_000
-#: Variances that AMCL reports, m2 and rad2; they do not measure its error [M].
+#: Variances that AMCL reports, m2 and rad2; they do not measure AMCL's error [M].
 REPORTED_VARIANCE = (0.25, 0.25, 0.07)
 
 
@@ -37,7 +37,7 @@ def map_message(occupancy: OccupancyMap, stamp: Any) -> Any:
 
 
 class Sensors:
-    """Publisher of sensor messages: ``alone`` like a TurtleBot 4's base and lidar, otherwise as the game needs them."""
+    """Publisher of sensor messages: if ``alone``, like a TurtleBot 4's base and lidar, else as the game needs them."""
 
     def __init__(self, node: Any, robot: SimulatedRobot, stamp: Any, *, alone: bool, map_out: bool) -> None:
         self._robot, self._alone, self.lidar_turns = robot, alone, True
@@ -77,9 +77,9 @@ class Sensors:
         return [lidar, transform_message("base_link", FOOTPRINT_FRAME, (0.0, 0.0, 0.0), stamp)]
 
     def publish(self, stamp_of: Callable[[int], Any], with_scan: bool, base_silent: bool) -> None:
-        """Publish the messages that are due after a step; ``with_scan``: also the scan of a turn of the lidar.
+        """Publish the messages that are due after a step; ``with_scan``: also a scan, and pose and transform of AMCL.
 
-        ``stamp_of`` returns the time of the step plus an offset in ns.
+        ``stamp_of`` returns the stamp of the step plus an offset in ns.
         """
         stamp = stamp_of(0)
         robot = self._robot
@@ -113,7 +113,7 @@ class Sensors:
         self._odometry_out.publish(odometry)
 
     def _ranges(self) -> NDArray[np.float32]:
-        """Return the ranges (R,), m, of one turn; if ``alone``, each ray starts at the robot's pose at its time."""
+        """Return the ranges of one turn, (R,), m; if ``alone``, each ray starts where the robot was at that time."""
         if not self._alone:
             return self._robot.scan()
         parts, ranges = len(self._turn), np.empty(self._robot.config.observation.scan_rays, dtype=np.float32)

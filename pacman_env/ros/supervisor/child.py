@@ -14,7 +14,7 @@ _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 
 def end_with_parent(number: int = signal.SIGTERM) -> None:
-    """Request this signal for the time when the parent process ends (Linux only)."""
+    """Ask Linux to send this process the signal ``number`` when its parent ends; elsewhere do nothing."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
 

@@ -27,15 +27,15 @@ LONGEST_S = 600.0
 NOT_READY = 1  # exit status
 
 _LEAST_S = 2.0  # shortest time, for measuring rates
-_PERIOD_S = 0.5  # between examinations of the observations
-_WAITING_S = 0.5  # longest wait for messages that have arrived
+_PERIOD_S = 0.5  # between two examinations of the observations
+_WAITING_S = 0.5  # longest time for handling messages that have arrived
 _NAMES_S = 1.0  # node names are discovered after their endpoints
 _ONLOOKERS = ("pacman_", "_ros2cli")  # prefixes of this package's observers and of ROS's command line
-_OF_ALL = ("/rosout", "/parameter_events")  # topics of every node
+_OF_ALL = ("/rosout", "/parameter_events")  # topics that every node publishes
 
 
 class Doctor(ObserverNode):
-    """Node that observes for at most ``wait_s`` in :meth:`observe`; ``map`` is the game's, read from ``map_file``."""
+    """Node that observes for at most ``wait_s`` in :meth:`observe`; ``map`` is the game's map, from ``map_file``."""
 
     def __init__(
         self, namespace: str, domain: int, map: OccupancyMap | None, map_file: str, sim: bool, wait_s: float
@@ -46,13 +46,13 @@ class Doctor(ObserverNode):
             *(namespace, wait_s, now, domain, sim, map, map_file, users_environment(), middleware)
         )
         self._values = self._observed.values
-        self._received = 0  # messages
+        self._received = 0  # number of messages
         self._callers: dict[Request[Any], Any] = {}
         for source in dict.fromkeys(source for check in CHECKS for source in check.sources):
             if isinstance(source, Source):
                 self._subscribe(source)
             else:
-                with contextlib.suppress(ImportError, AttributeError):  # unknown service type: no answer
+                with contextlib.suppress(ImportError, AttributeError):  # without the service's package: no answer
                     self._callers[source] = topics.Service(source.name, source.type_name).client(self)
 
     def observe(self, enough: Callable[[], bool]) -> None:
@@ -81,7 +81,7 @@ class Doctor(ObserverNode):
         return dataclasses.replace(self._observed, now=now, nodes=nodes, publishers=publishers, subscribers=subscribers)
 
     def _moment(self, wall_s: float) -> CheckTime:
-        """Return the moment at time ``wall_s`` of this machine's clock."""
+        """Return the present or past moment ``wall_s`` (s, this machine's wall clock) by all clocks."""
         clock, age_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
         return CheckTime(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
 
@@ -94,7 +94,7 @@ class Doctor(ObserverNode):
             arrival = self._moment((info["received_timestamp"] or time.time_ns()) / 1e9)
             try:
                 self._values[source] = source.fold(self._values.get(source), message, arrival)
-            except Exception as error:  # a bad message of a foreign node must not end the list
+            except Exception as error:  # a bad message of a foreign node must not end the doctor
                 self._observed.unreadable[name] = f"{type(error).__name__}: {error}"
 
         try:

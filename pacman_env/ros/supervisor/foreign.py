@@ -1,6 +1,6 @@
 """Run a foreign command, such as ``ros2 launch``, as one process of a game: ``python -m ... COMMAND ARGUMENTS...``.
 
-To end the command, it gets Ctrl-C (SIGINT): on SIGTERM ``ros2 launch`` would leave its nodes behind. Processes that it
+The command is ended by Ctrl-C (SIGINT): on SIGTERM ``ros2 launch`` would leave its nodes behind. Processes that it
 has started and does not end are killed.
 """
 

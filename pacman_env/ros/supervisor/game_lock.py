@@ -1,6 +1,7 @@
 """Locks of a game of ``ros up``, for the time when it starts or ends and its nodes cannot be discovered.
 
-A lock ends with its process. Games of other users and machines have no lock here: they are only discovered.
+The system releases a lock when its process ends. Games of other users and machines have no lock here; they can only be
+discovered.
 """
 
 import contextlib

@@ -14,7 +14,7 @@ BRINGUP = (
     "ros2 launch nav2_bringup bringup_launch.py namespace:={namespace} use_namespace:={in_namespace} map:={map} "
     "params_file:={params} use_sim_time:=True use_composition:=False"
 )
-FILES = ("nav2.yaml", "localization.yaml")  # in the folder config of the checkout; the files share no key
+FILES = ("nav2.yaml", "localization.yaml")  # in the checkout's folder ``config``; no key is in both files
 PACKAGE = "nav2_bringup"
 _APT = "sudo apt install ros-jazzy-navigation2 ros-jazzy-nav2-bringup ros-jazzy-ros2launch"
 _INDEX = Path("share/ament_index/resource_index/packages")

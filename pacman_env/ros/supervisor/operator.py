@@ -14,7 +14,7 @@ from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses; 2 means bad arguments
-SETTLE_S = 0.5  # time for latched messages to arrive after the first message
+SETTLE_S = 0.5  # after the first message, time for latched messages to arrive
 OBEY_S = 2.0  # time for all nodes to obey
 DRIVERS = ("goal_selector", "game_controller")  # nodes that send goals to Nav2
 
@@ -54,7 +54,7 @@ def _stop(status_line: StatusLine, wait_s: float) -> int:
 
 
 def _late(status_line: StatusLine) -> list[str]:
-    """List the nodes that send goals and have not obeyed; a frozen node is not even discovered."""
+    """List the nodes that send goals and have not obeyed the stop; outside the menu even undiscovered (frozen) ones."""
     names = status_line.discovered if status_line.state == "menu" else DRIVERS
     return [name for name in DRIVERS if name in names and name not in status_line.operator.obeyed_by]
 

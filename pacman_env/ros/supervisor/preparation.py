@@ -17,12 +17,12 @@ from pacman_env.ros.supervisor.processes import BAD_START, end
 from pacman_env.world.maps.occupancy import load_map
 
 GHOSTS = "clyde_ghost_node"
-CHECKED = "checked"  # the first line of the first process
+CHECKED = "checked"  # what the first process prints once the setup is checked
 
 
 @dataclass(frozen=True)
 class PreparationJob:
-    """Work of one process: compile for some nodes, with a policy."""
+    """Code to compile in one process: for these nodes, with the policy if the goal selector is one of them."""
 
     nodes: tuple[str, ...]
     policy: str = ""
@@ -42,7 +42,7 @@ def jobs(setup: GameSetup) -> list[PreparationJob]:
 
 
 def map_mark(setup: GameSetup) -> Path | None:
-    """Return the file that exists once the map is prepared."""
+    """Return the file that exists once the map is prepared; None if the cache folder cannot be written."""
     return mark(f"warm-map-{load_map(setup.map).hash[:12]}-{setup.config().hash}")
 
 
@@ -66,7 +66,7 @@ class Preparation:
     def check(self) -> None:
         """Wait until the first process has checked the setup, then start the second.
 
-        Raises ValueError if the setup is wrong; nothing has been compiled then.
+        Raises ValueError if the setup is wrong; then nothing has been compiled.
         """
         first = self._running[0]
         if not (first.stdout and first.stdout.readline()):
@@ -82,7 +82,7 @@ class Preparation:
             _, errors = process.communicate()
             if process.returncode == BAD_START:
                 raise ValueError(errors.strip().rpartition("\n")[2])  # the last line, after warnings
-            if process.returncode:  # the nodes will compile themselves and report the error
+            if process.returncode:  # the nodes will compile the code themselves and report the error
                 self._report(f"compiling ended with status {process.returncode}")
         return not self._running
 

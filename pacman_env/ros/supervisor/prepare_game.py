@@ -36,7 +36,7 @@ def prepare(job: PreparationJob, setup: GameSetup) -> None:
 
 
 def _note(mark: Path | None) -> None:
-    """Mark something as prepared, unless it could not be stored."""
+    """Create the file ``mark``, which shows that code or the map are prepared, if the cache folder can be written."""
     if mark is not None:
         with contextlib.suppress(OSError):
             check_kept()
@@ -52,7 +52,7 @@ def main() -> int:
             make_policy(setup.policy)
             split_ghosts(config.clyde.ghosts)
             print(CHECKED, flush=True)
-        with contextlib.redirect_stderr(io.StringIO()):  # hides the notice that it waits for another process's kernels
+        with contextlib.redirect_stderr(io.StringIO()):  # hides the notice that this process waits for another process
             for nodes, policy in parts:
                 prepare(PreparationJob(tuple(nodes), policy), setup)
             if check and (file := map_mark(setup)) is not None and not file.exists():

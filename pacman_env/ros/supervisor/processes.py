@@ -15,18 +15,18 @@ from typing import Any
 from ..heartbeat import Listener
 from . import child
 
-#: For a node's end on a busy machine: its last messages and a hanging middleware take 7 s together (``node.py``).
+#: Longest end of a node on a busy machine; last messages and a hanging middleware take 7 s (``node.py``).
 PATIENCE_S = 30.0
 SLOW_START_S = 10.0  # largest pause before a restart; it doubles at each death
-MANY = 5  # deaths ...
+MANY = 5  # this many deaths ...
 SOON_S = 60.0  # ... within this time: a restart does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
 AT_REST_S = 20.0  # a younger process may still be starting
 _END_POLL_S = 0.01
-RESTARTS = 3  # restarts of a process that does not respond ...
-RESTARTS_S = 600.0  # ... within this time: one more does not help
-_LOG_END = 2000  # bytes of a log in which the reason of a death is searched
-#: A log line below a warning, which is no reason.
+RESTARTS = 3  # this many restarts of a process that does not respond ...
+RESTARTS_S = 600.0  # ... within this time: another restart does not help
+_LOG_END = 2000  # bytes at the end of a log in which a reason for a death is sought
+#: A log line below the level of a warning, which is not the reason for an end.
 _NO_REASON = re.compile(r"\[(DEBUG|INFO)\]")
 #: A line of the log or of Python that may be the reason even if the process was killed.
 _ERROR = re.compile(r"\[(ERROR|FATAL)\]|^(Fatal Python error|[\w.]*(Error|Exception|Interrupt)\b)")
@@ -41,12 +41,12 @@ class GroupMember:
     name: str
     process: subprocess.Popen[bytes] | None = None
     due_s: float | None = None  # time of the next start
-    log_begins: int = 0  # bytes of the log before the last start
+    log_begins: int = 0  # size of the log at the last start, bytes
     deaths: list[float] = field(default_factory=list)
     started_s: float = 0.0
-    restarts: list[float] = field(default_factory=list)  # times of restarts because it did not respond
-    left_alone: bool = False  # True after too many restarts
-    ended_by_us: bool = False  # killed for a restart that was already reported
+    restarts: list[float] = field(default_factory=list)  # times of restarts for lack of a response, s
+    left_alone: bool = False  # True: no more restarts, because there were too many
+    ended_by_us: bool = False  # True: killed for a restart, which was already reported
     heartbeat: Listener = field(default_factory=Listener)
 
     @property
@@ -58,8 +58,8 @@ class GroupMember:
 
 @dataclass
 class ProcessGroup:
-    command: Callable[[str], Sequence[str]]  # by name: the module of a node, and its arguments
-    logs: Path  # folder with a file per node for its output
+    command: Callable[[str], Sequence[str]]  # called with a name: returns the module and its arguments
+    logs: Path  # folder with one file for the output of each process
     environment: dict[str, str]
     report: Callable[[str], None]  # called with a line for each event
     spare: Collection[str] = ()  # dispensable processes: given up instead of raising Lost
@@ -94,13 +94,13 @@ class ProcessGroup:
         with contextlib.suppress(OSError), path.open("rb") as log:
             log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
             lines = [line.rstrip() for line in log.read().decode(errors="replace").splitlines()]
-            lines = [line for line in lines if line[:1].strip() and not line.endswith(":")]  # no places of a traceback
+            lines = [line for line in lines if line[:1].strip() and not line.endswith(":")]  # no lines of a traceback
             if lines and (what.search(lines[-1]) if what else not _NO_REASON.search(lines[-1])):
                 return f"{lines[-1]} ({path})"
         return ""
 
     def _end_of(self, member: GroupMember, status: int) -> tuple[str, bool]:
-        """Return a description of an end, with the reason from the log, and True if a restart is useless."""
+        """Describe an end with the reason from the log; return the text, and True if a restart is useless."""
         name = member.name
         if status == BAD_START:
             return f"does not start: {self.reason_of_end(name)}", True
@@ -135,7 +135,7 @@ class ProcessGroup:
             member.left_alone = False
             self.report(f"{name} is started again: {reason}")
             member.ended_by_us = True
-            member.process.kill()  # it may be unable to end by itself
+            member.process.kill()  # a frozen process may be unable to end by itself
             member.process.wait()
         elif not member.left_alone:
             member.left_alone = True
@@ -181,8 +181,8 @@ class ProcessGroup:
     ) -> list[str]:
         """Stop the members of ``first`` together, call ``halt``, stop all others together, then ``last``.
 
-        ``halt`` is also called before any member is awaited: a frozen one stops nothing. Calls ``waiting`` with the
-        names of members that still run. Returns the names of killed members.
+        ``halt`` is also called before the wait for ``first``, because a frozen member does not stop the robot. Calls
+        ``waiting`` with the names of members that still run. Returns the names of killed members.
         """
         killed = []
         others = [name for name in self._members if name not in (*first, *last)]
@@ -195,7 +195,7 @@ class ProcessGroup:
             for name, process in running.items():
                 if process.returncode == -signal.SIGALRM:
                     self.report(f"{name} did not leave the middleware, its log is {self._log(name)}")
-            halts()  # again: they may have sent another goal
+            halts()  # again, because members of ``first`` may have sent another goal
         return killed
 
     def _log(self, name: str) -> Path:
@@ -225,10 +225,11 @@ def end(
     frozen: Callable[[], list[str]] = list,
     meanwhile: Callable[[], object] = lambda: None,
 ) -> list[str]:
-    """Terminate processes together; kill frozen ones and those that do not end in time, and return their names.
+    """Terminate processes together, and return the names of the processes that had to be killed.
 
-    Calls ``waiting`` with all names, then ``meanwhile``, then ``waiting`` with the names of the running processes
-    whenever one has ended.
+    A process is killed if ``frozen()`` lists its name, or if it still runs after ``patience_s``. ``waiting`` is called
+    with all names, and with the names of the running processes whenever a process has ended. ``meanwhile`` is called
+    once, after the first call of ``waiting``.
     """
     deadline = time.monotonic() + patience_s
     for process in processes.values():

@@ -8,11 +8,14 @@ from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.topics import RESET_GAME, START_GAME, Service
 
-NEXT_ROUND_S = 2.0  # in the menu, between automatic rounds
+NEXT_ROUND_S = 2.0  # time in the menu between automatic rounds
 
 
 class RoundRequests:
-    """Rounds of a game: ``starts`` begins the next one automatically, ``play_on`` all, at most ``most``."""
+    """Requests for rounds and other services of the referee.
+
+    ``starts``: start the next round automatically; ``play_on``: start every round; ``most``: number of rounds to play.
+    """
 
     def __init__(
         self,
@@ -26,7 +29,7 @@ class RoundRequests:
         self.starts, self.play_on, self.most = starts, play_on, most
         self.wanted: list[Service] = []  # services to call once they are available
         self.answers: list[tuple[Service, Any, float]] = []  # service, future and time of the call
-        self._menu_s: float | None = None  # wall time since when the game is in the menu
+        self._menu_s: float | None = None  # wall time (s) when the game came into the menu
         self._played, self._running = 0, False
 
     def are_over(self, can_begin: bool) -> bool:
@@ -42,7 +45,7 @@ class RoundRequests:
         return False
 
     def _in_menu(self) -> bool:
-        """Return True if the game has been in the menu for a moment and is ready for a round."""
+        """Return True if the game is ready for a round, and after a round has been in the menu for ``NEXT_ROUND_S``."""
         if self.status_line.state != "menu" or not self.status_line.ready or self.wanted or self.answers:
             self._menu_s = None
             return False

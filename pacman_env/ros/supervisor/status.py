@@ -14,10 +14,10 @@ from pacman_env.ros.game_nodes import GAME, ORIGINAL_SELECTOR, SELECTOR, SIMULAT
 from pacman_env.ros.supervisor.status_line import STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
-#: Exit statuses in addition to 3 (no game): everything is received; something is absent or pending.
+#: Exit statuses: everything was received; a node or value is absent or pending. Without a game it is 3.
 ALL_THERE, INCOMPLETE = 0, 1
-QUIET_S = 3.0  # after this time without any discovery or message, missing things are not awaited
-#: Topic of each fact.
+QUIET_S = 3.0  # the wait ends after this time without a discovery or message
+#: By fact: the topic from which it is read.
 _SOURCES: dict[str, topics.Topic] = {
     **{name: MONITORED[name].topic for name in VALUES},
     "policy": topics.DIAGNOSTICS,
@@ -29,9 +29,9 @@ _SOURCES: dict[str, topics.Topic] = {
 
 @dataclass(frozen=True)
 class Missing:
-    """Nodes and facts without an answer: their source was not discovered, or has not answered yet."""
+    """Missing nodes and facts: their source is not discovered (absent), or has not published so far (pending)."""
 
-    absent: dict[str, list[str]] = field(default_factory=dict)  # "nodes" and "values", by name
+    absent: dict[str, list[str]] = field(default_factory=dict)  # by kind (``nodes``, ``values``): names
     pending: dict[str, list[str]] = field(default_factory=dict)
 
     def __bool__(self) -> bool:

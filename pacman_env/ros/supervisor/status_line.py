@@ -24,9 +24,9 @@ from pacman_env.ros.selector.reasons import REMEDIES, SILENCE, SILENT_S
 from pacman_env.ros.supervisor.terminal import fitted
 from pacman_env.ros.text import plain
 
-ANSWER_S = 2.0  # before a service is called again: an answer may be lost, or never come from a referee that ended
-HALT_S = 1.0  # time for Nav2's answer
-KNOWN_S = 0.3  # a new server may not know a client's reader yet, and would drop its answer
+ANSWER_S = 2.0  # then a service is called again, because the answer may be lost or the referee may have ended
+HALT_S = 1.0  # longest wait for Nav2's answer
+KNOWN_S = 0.3  # before a first call: a server that does not know the client yet would drop the answer
 STOPPED = "stopped by the operator"
 #: Values of the game monitor that the referee publishes.
 VALUES = ("state", "result", "round", "score", "pellets_collected", "pellets_spawned", "clyde_speed_mps")
@@ -45,7 +45,7 @@ class StatusLine(ObserverNode):
         self.game = GameMonitor()
         for topic in (MONITORED[name].topic for name in _RECEIVED):
             self.listen(topic, partial(self.game.update, topic.name), f"bad {topic.name}")
-        self._heard_s: deque[float] = deque(maxlen=2)  # arrivals of the goal selector's diagnostics
+        self._heard_s: deque[float] = deque(maxlen=2)  # arrivals of the last two diagnostics, s
         self.listen(topics.DIAGNOSTICS, lambda _: self._heard_s.append(time.monotonic()), "")
         self.operator = OperatorStop(self, obeys=False)
         self._cmd_vel: Any = None
@@ -80,17 +80,17 @@ class StatusLine(ObserverNode):
 
     @property
     def discovered(self) -> set[str]:
-        """Names of the discovered nodes in the game's namespace."""
+        """Names of the nodes in the game's namespace that were discovered."""
         return {name for name, place in self.get_node_names_and_namespaces() if place == self.get_namespace()}
 
     @property
     def has_selector(self) -> bool:
-        """True if a goal selector is discovered; the referee asks the same before a round."""
+        """True if a goal selector is discovered; the referee requires it for a round, too."""
         return self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name)) > 0
 
     @property
     def pose_age_s(self) -> float | None:
-        """Age of the latched pose, None before the first; AMCL is silent while the robot stands."""
+        """Age of the last ``amcl_pose``, s, None before the first; AMCL publishes none while the robot stands."""
         now_ns = self.get_clock().now().nanoseconds
         if self.game.pose is None or (self.sim and not now_ns):  # the simulated robot's clock has not been received
             return None
@@ -98,9 +98,9 @@ class StatusLine(ObserverNode):
 
     @property
     def unresponsive(self) -> dict[str, str] | None:
-        """Reasons by node that does not respond to the referee or has stopped to report.
+        """Reasons by node's name: why a node does not respond to the referee, or that it no longer reports.
 
-        None while the only diagnostics of the goal selector may be an old message of a frozen node.
+        None while it is unknown whether the goal selector reports: its only diagnostics may be an old, latched message.
         """
         silent_s = time.monotonic() - self._heard_s[-1] if self._heard_s else 0.0
         if silent_s > SILENT_S:
@@ -123,7 +123,7 @@ class StatusLine(ObserverNode):
         return ""
 
     def facts(self) -> dict[str, Any]:
-        """Return the game as plain values; None for values that are missing or invalid."""
+        """Return the state of the game as plain values; missing and invalid values are None."""
         caught = self.game.valid("ghosts_caught")
         return {
             "namespace": self.get_namespace(),
@@ -139,7 +139,7 @@ class StatusLine(ObserverNode):
         }
 
     def line(self, pose_age: bool) -> str:
-        """Return the game as one line; without the pose's age for comparisons."""
+        """Describe the game in one line, with the age of the pose only if ``pose_age`` (it always changes)."""
         caught = self.game.valid("ghosts_caught")
         age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
         values = {name: self.game.valid(name) for name in VALUES}

@@ -11,12 +11,12 @@ import tty
 from collections.abc import Callable, Iterator, Sequence
 from typing import TextIO
 
-LINE_S = 0.5  # between updates of the line
+LINE_S = 0.5  # between two updates of the line
 _CLEAR = "\r\x1b[K"
 
 
 class LineWriter:
-    """Status line that is overwritten on a terminal; elsewhere a new line whenever more than the time changes."""
+    """Writer of a status line: overwritten on a terminal, elsewhere printed whenever more than its times changes."""
 
     def __init__(self, out: TextIO) -> None:
         self._out, self._is_terminal = out, out.isatty()
@@ -49,7 +49,7 @@ class LineWriter:
 
 
 def fitted(parts: Sequence[str], width: int | None = None) -> str:
-    """Join as many parts, most important first, as fit in ``width`` characters or the terminal's width."""
+    """Join the first parts, as many as fit in ``width`` characters (None: the terminal's width)."""
     width = shutil.get_terminal_size().columns - 1 if width is None else width
     line = parts[0]
     for part in parts[1:]:

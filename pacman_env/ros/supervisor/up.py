@@ -30,8 +30,8 @@ from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.world.maps.occupancy import load_map
 
-# Exit statuses; 0: stopped on request, 2: bad arguments or no ROS. The robot is not localized; a node could not be kept
-# alive; a node did not stop and was killed.
+# Exit statuses: the robot is not localized; a node could not be kept alive; a node did not stop and was killed.
+# The others are 0 (stopped on request) and 2 (bad arguments, or no ROS).
 NO_POSE, NODE_LOST, HAD_TO_KILL = 3, 4, 5
 POLL_S = 0.1
 PREPARED_POLL_S = 0.02
@@ -40,7 +40,7 @@ GOING_S = 8.0  # longest wait for another game that is being stopped
 FAST_DDS = "rmw_fastrtps_cpp"
 CLEAN = "fastdds shm clean removes their shared memory"
 _WEB = ("starlette", "uvicorn", "websockets")  # modules that the page's server needs
-_BACKLOG = 20  # messages
+_BACKLOG = 20  # most messages handled at once
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class UpOptions:
     logs: Path | None = None  # folder for the nodes' output; None: in the user's log folder
     start: bool = False  # start the first round automatically
     play_on: bool = False  # start every round automatically
-    rounds: int | None = None  # number of automatic rounds, then the game ends
+    rounds: int | None = None  # number of automatic rounds, after which the game ends
 
     @property
     def plays_on(self) -> bool:
@@ -60,7 +60,7 @@ class UpOptions:
 
 def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = None) -> int:
     """Play until SIGINT, SIGTERM, the key q or the last round, and return the exit status. Call in the main thread."""
-    atexit.register(gc.freeze)  # otherwise the interpreter would traverse all objects several times at its end
+    atexit.register(gc.freeze)  # at its end the interpreter then skips all present objects
     writer = LineWriter(out or sys.stdout)
     with StopSignals() as stop, contextlib.ExitStack() as stack:
         domain = join(options.domain, setup.sim)
@@ -95,7 +95,7 @@ def check(setup: GameSetup, plays_on: bool = False) -> None:
         raise ValueError("--play-on, --rounds: only with --sim; with a real robot a person starts each round")
     if setup.lock_step and (other := os.environ.get("RMW_IMPLEMENTATION", FAST_DDS)) not in ("", FAST_DDS):
         raise ValueError(f"--lock-step: only with {FAST_DDS}, which delivers within publish; here {other} is set")
-    if "NUMBA_DISABLE_JIT" in os.environ:  # the import takes 0.4 s
+    if "NUMBA_DISABLE_JIT" in os.environ:  # only then, because the import takes 0.4 s
         from pacman_env.engine.jit import require_compiler
 
         require_compiler()
@@ -128,7 +128,7 @@ def prepare(preparation: Preparation, writer: LineWriter, stop: StopSignals) -> 
 
 
 class GameProcesses:
-    """The processes of a game, requests of the person at the terminal, and reports of the processes."""
+    """The processes of a game, with the person's requests at the terminal and what the processes report."""
 
     def __init__(
         self,
@@ -225,11 +225,11 @@ class GameProcesses:
 
     def _receive(self) -> None:
         self.status_line.spin(POLL_S)
-        for _ in range(_BACKLOG if self.setup.lock_step else 0):  # time runs fast: drain the backlog
+        for _ in range(_BACKLOG if self.setup.lock_step else 0):  # its time runs fast, so messages pile up
             self.status_line.spin(0.0)
 
     def _is_localized(self) -> bool:
-        """Start the processes that need a pose once there is one; return False if there will be none."""
+        """Start the processes that need a pose once the robot has one; return False if it will get none."""
         if WAIT not in self.processes or (status := self.processes.status(WAIT)) is None:
             return True
         words = self.processes.reason_of_end(WAIT)

@@ -13,7 +13,7 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 from ...game_nodes import SIMULATOR
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
-FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # this and the next are commands
+FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # FIREWALL and RESTART are commands of remedies
 RESTART = "sudo systemctl restart turtlebot4"
 RESTART_GAME = "start or restart the simulated game"
 START_AGAIN = "ros up starts it again, at most 3 times in 10 min; under ros2 launch end its process"
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Finding:
-    check: str  # name; set by Check.find, like the question
+    check: str  # name of the check; ``Check.find`` sets name and question
     question: str
     status: str  # OK, BAD or UNKNOWN: the question cannot be answered, or does not apply
     summary: str  # observation with figures and units
@@ -50,7 +50,7 @@ class Finding:
 
 
 class CheckTime(NamedTuple):
-    """A time in s of this machine's clock, of its monotonic clock and of ``/clock`` (None if not published)."""
+    """A moment by three clocks, s: this machine's wall clock, its monotonic clock, ``/clock`` (None: unpublished)."""
 
     wall_s: float
     monotonic_s: float
@@ -62,7 +62,7 @@ class Source(Generic[T]):
     """Topic that a check needs; ``fold`` summarizes its messages."""
 
     name: str  # relative to the robot's namespace
-    type_name: str  # package/Type
+    type_name: str  # ``package/Type``
     fold: Callable[
         [T | None, Any, CheckTime], T
     ]  # previous summary (None at first), message and arrival -> new summary
@@ -83,7 +83,10 @@ def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, CheckTime], T]:
 
 
 def monitored(value: str, name: str, type_name: str, qos: str = "LATCHED") -> Source[Any]:
-    """Return the source of a game monitor's value, whose reader is imported at the first message: it needs ROS."""
+    """Return the source of the game monitor's value ``value``.
+
+    The value's reader needs ROS and is therefore imported at the first message.
+    """
 
     def read(message: Any) -> Any:
         from ...game_monitor import MONITORED
@@ -102,12 +105,12 @@ class Observations:
     now: CheckTime
     domain: int = 0
     simulated: bool = False  # True if a simulated robot was requested
-    map: OccupancyMap | None = None  # the game's
+    map: OccupancyMap | None = None  # map of the game
     map_file: str = ""  # name or file of the map, as given
     environment: Mapping[str, str] = field(default_factory=dict)
     middleware: str = ""
     nodes: tuple[str, ...] = ()  # all other nodes in the domain
-    publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: a node for each publisher
+    publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: the node of each publisher
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # summaries of topics, and responses
     unavailable: dict[str, str] = field(default_factory=dict)  # relative topic: why there is no subscription
@@ -150,7 +153,7 @@ class Observations:
         return f"within {self.waited_s:g} s"
 
     def silence(self, topic: str) -> str:
-        """Explain, as far as possible, why no message of a topic was received."""
+        """Explain, as far as the observations allow, why no message of a topic was received."""
         if topic in self.unavailable:
             return self.unavailable[topic]
         if topic in self.unreadable:
@@ -158,14 +161,14 @@ class Observations:
         return f"{topic} not received {self.within}"
 
     def waiting_remedy(self, topic: str) -> tuple[str, str]:
-        """Return remedy and command for a topic that may be rare and was not received."""
+        """Return remedy and command for a topic that was not received, but may only have few messages."""
         if topic in self.unavailable:
             build = "python -m tools.ros_interfaces.build"
             return "source /opt/ros/jazzy/setup.bash; without a ROS installation", build
         return "some bases publish it rarely: listen for longer, --wait 60", ""
 
     def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
-        """Return a BAD finding that more time may change; for a simulated robot, replace the remedy by its own."""
+        """Return a BAD finding that more time may change; for a simulated robot, its own remedy replaces ``remedy``."""
         if self.virtual:
             of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
             remedy, command = _NAV2_LOG if of_nav2 else RESTART_GAME, self.start_game
@@ -207,7 +210,7 @@ class Observations:
 class Check:
     name: str
     question: str
-    answer: Callable[[Observations], Finding | None]  # None if the question does not apply
+    answer: Callable[[Observations], Finding | None]  # returns None if the question does not apply
     sources: tuple[Source[Any] | Request[Any], ...] = ()
     needs_robot: bool = True  # False: also answered without a robot
 

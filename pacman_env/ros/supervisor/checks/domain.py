@@ -62,7 +62,8 @@ def _check_namespace(robot: Observations) -> Finding:
     if not robot.nodes:
         return Finding.unknown(summary, settled=False)
     ends = [topic.rpartition("/") for topic, nodes in robot.publishers.items() if nodes]
-    robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}  # _: of a Create 3
+    # Names with "/_" belong to topics within a Create 3.
+    robots = {where or "/" for where, _, last in ends if last == "odom" and "/_" not in where}
     others = sorted(robots or {name.rpartition("/")[0] or "/" for name in robot.nodes})
     nearest = others[0].strip("/") or "/"
     remedy = f"did you mean --namespace {nearest}? If not, set the robot's in turtlebot4-setup"
@@ -86,13 +87,13 @@ def _check_base(robot: Observations) -> Finding:
 
 
 SKEW_S = 0.2  # Nav2's layer for Clyde drops its points 0.5 s after the stamp (config/nav2.yaml)
-_FEWEST, _MOST = 5, 2000  # stamps
-_SPAN_S = 0.5  # shortest time for a rate
+_FEWEST, _MOST = 5, 2000  # stamps of a topic: needed, and stored
+_SPAN_S = 0.5  # shortest time over which a rate is measured
 _LONGEST_TURN_S = 0.5
 
 
 class Clock(NamedTuple):
-    """Monotonic time and content of the first and the last message on ``/clock``, s."""
+    """First and last message on ``/clock``: monotonic time of its arrival, and its content, s."""
 
     first_s: float
     first_clock_s: float
@@ -124,7 +125,7 @@ def _add_tick(previous: Clock | None, message: Any, arrival: CheckTime) -> Clock
 def _add_delay(previous: Delays | None, message: Any, arrival: CheckTime) -> Delays:
     delays = previous or Delays()
     delays.last_s = arrival.monotonic_s
-    # Only transforms from odom: AMCL stamps transforms to odom ahead.
+    # Only transforms whose parent is odom: AMCL stamps the transform from the map to odom ahead.
     transforms = [one for one in getattr(message, "transforms", ()) if one.header.frame_id.lstrip("/") == "odom"]
     for stamp_s in (seconds(one.header.stamp) for one in ([message] if hasattr(message, "header") else transforms)):
         delays.wall_s.append(arrival.wall_s - stamp_s)
@@ -175,7 +176,7 @@ def _check_clock(robot: Observations) -> Finding:
 
 def _check_stamps(topic: str, robot: Observations) -> Finding | None:
     if by_clock(robot) or (robot.in_simulation and robot.publishers_of("/clock")):
-        return None  # one clock for all, or a clock that was not received, which its own check reports
+        return None  # only one clock, or ``/clock`` was not received, which another check reports
     delays = robot.get(STAMPS[topic]) or Delays()
     if len(delays.wall_s) < _FEWEST:
         return _too_few(topic, robot, len(delays.wall_s))

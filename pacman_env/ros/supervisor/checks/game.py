@@ -93,7 +93,7 @@ def _check_cloud(topic: str, robot: Observations) -> Finding:
     if not missing:
         return Finding.ok(f"{' and '.join(COSTMAPS)} subscribe to it")
     summary = f"no subscription of {' and '.join(missing)} discovered {robot.within}"
-    others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # if their file has a relative topic
+    others = [robot.full(f"{costmap}/{topic}") for costmap in COSTMAPS]  # names if Nav2's file has a relative topic
     if others := [name for name in others if robot.subscribers_of(name)]:
         summary += f", but of {listed(others)}, which no node publishes"
     remedy = "Nav2 does not see Clyde: launch it with the game's config/nav2.yaml, from the checkout"
@@ -109,7 +109,7 @@ def _add_configuration(previous: Any, message: Any, arrival: CheckTime) -> Any:
 CONFIGURATIONS = Source("game/configuration", "std_msgs/String", _add_configuration, "COMMANDS")
 STATE = monitored("state", "game_state", "std_msgs/String")
 DIAGNOSTICS = monitored("condition", "goal_selector/diagnostics", "std_msgs/String")
-#: Arrivals of the last two diagnostics; a single message may be an old one of a frozen node.
+#: Monotonic times, s, of the last two diagnostics. If there is only one, it may be an old message of a frozen node.
 ARRIVALS: Source[tuple[float, ...]] = Source(
     *(DIAGNOSTICS.name, DIAGNOSTICS.type_name),
     lambda previous, message, arrival: (*(previous or ())[-1:], arrival.monotonic_s),
@@ -151,7 +151,7 @@ def _check_game_nodes(robot: Observations) -> Finding:
 
 
 def _duplicates(robot: Observations) -> list[str]:
-    """List nodes that run several times although only one may act, with their processes."""
+    """List the nodes that run several times although only one may act, each with its processes."""
     processes: dict[str, list[str]] = {}
     for configured in reversed(_configurations(robot)):
         if configured["acts"]:

@@ -10,7 +10,7 @@ from ...map_comparison import differing_cells, grid_of, map_differences
 from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, monitored, newest, seconds
 from .domain import CLOCK, STAMPS, by_clock
 
-FLAT = 0.2  # charge at which a TurtleBot 4 warns; it switches off at 0.12
+FLAT = 0.2  # charge (0 to 1) at which a TurtleBot 4 warns; it switches off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
 FEWEST_SCANS = 3
 FEWEST_RETURNS = 0.1  # share of rays; fewer mean that the lidar is covered
@@ -53,7 +53,7 @@ _SILENT = "create3_republisher, through which odometry, tf, battery and dock pas
 
 
 def _check_silence(robot: Observations) -> Finding | None:
-    """Compare odometry, which passes the republisher, with scans, which do not: both are silent if the network is."""
+    """Report a silent base: odometry passes the base's republisher, scans do not, and both need the network."""
     odometry = robot.get(STAMPS["odom"])
     if not robot.publishers_of("odom") or "odom" in robot.unavailable or not robot.get(STAMPS["scan"]):
         return None
@@ -225,7 +225,10 @@ def _check_lidar_tf(robot: Observations) -> Finding:
 
 
 def _frames_up_to(robot: Observations, frame: str, top: str) -> tuple[list[str], dict[str, float]]:
-    """Return the frames up to ``top`` or the last known parent, and the ages (s) of non-static links, by child."""
+    """Return the frames from ``frame`` up to ``top`` or the last known parent, and the ages (s) of links by child.
+
+    Static links have no age.
+    """
     static, dynamic = robot.get(STATIC_LINKS), robot.get(LINKS)
     links = {**(static or {}), **(dynamic or {})}
     frames, ages = [frame], {}
