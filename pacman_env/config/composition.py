@@ -95,7 +95,7 @@ class Config(sections.Groups):
         return max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
 
     def with_fields(self, **changes: Any) -> Self:
-        """Return a copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
+        """Return a copy with changed fields, given by dotted names: ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
         Raises ConfigError for an unknown name or a value out of range.
         """
@@ -169,7 +169,7 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
-#: The controller turns and starts as fast as the base; the costmaps are the experiment's.
+#: A controller that turns and starts as fast as the base can, and the costmaps of the experiment.
 _QUICK = {"nav2.controller": "pure_pursuit", "nav2.inflation_radius_m": 0.22, "nav2.inflation_scale": 2.0}
 PRESETS: dict[str, dict[str, Any]] = {
     # The defaults, the real robot: measured speed, AMCL's cadence and error, Nav2's delays, a controller like Nav2's.
@@ -196,9 +196,10 @@ register_preset = _ALL_PRESETS.register
 
 
 def make_config(preset: str = "robot", execution: str | None = None, **changes: Any) -> Config:
-    """Return the configuration of a preset, an execution and single fields given by dotted name.
+    """Return the configuration of a preset with ``changes`` of single fields, by dotted name.
 
-    Raises ConfigError for an unknown preset, execution or field, or a value out of range.
+    ``execution`` is a value of ``execution.rules`` (None: unchanged). Raises ConfigError for an unknown preset,
+    execution or field, or a value out of range.
     """
     try:
         fields = _ALL_PRESETS.find(preset) if isinstance(preset, str) else None

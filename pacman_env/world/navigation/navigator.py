@@ -105,7 +105,7 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Start the accepted goal and plan, if due; writes the plan to ``paths[i]``. ``obstacles`` are (G, 5)."""
+    """If they are due, start the accepted goal and write a new plan to ``paths[i]``; ``obstacles`` are (G, 5)."""
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):

@@ -124,10 +124,11 @@ class PathFields:
 
 @kernel
 def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-untyped-def]
-    """Write cells, numbers, and 1 for cells of weight 1, to the flat images ``picture``, ``number`` and ``light``.
+    """Fill three flat images of the padded map; ``number`` must be -1 everywhere before.
 
-    ``at`` (K,) are the places of the cells in the padded images, ``weight`` (K,) their weights, and ``offset`` (17,)
-    the steps in an image.
+    ``picture`` gets the weights and allowed directions, ``number`` the number of each cell, and ``light`` 1 where the
+    weight is 1. ``at`` (K,) are the indices of the cells in the images and ``weight`` (K,) their weights. ``offset``
+    (17,) is the difference of the indices for a step in each direction.
     """
     for place in picture:
         place.cost = place.weight = np.inf
@@ -247,7 +248,7 @@ _SIDE = 2 * _REACH + 1
 CODES = 1 + _SIDE**2
 _codes = np.arange(CODES) - 1
 _lengths = np.hypot(_codes % _SIDE - _REACH, _codes // _SIDE - _REACH)
-LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of each code's step: cells, reciprocal
+LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # each code's length, cells; 1 / length
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -271,7 +272,7 @@ def coarse_step(code):  # type: ignore[no-untyped-def]
 
 @kernel
 def tile_index(column, row, across):  # type: ignore[no-untyped-def]
-    """Return the memory index of a cell, with ``across`` tiles in a row."""
+    """Return the index of a cell in the flat array of tiles, of which ``across`` are next to each other."""
     return ((row >> 3) * across + (column >> 3) << 6) + ((row & 7) << 3) + (column & 7)
 
 

@@ -28,7 +28,7 @@ BODY_FIELDS = [
     *record_fields(np.float64, "force_x force_y"),  # force for the next step, N
     *record_fields(np.int32, "touch"),  # remaining steps in a space
 ]
-_GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity and force; position and velocity
+_GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity, force for Chipmunk; position, velocity from it
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the space table
 _EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, named below
 _CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
@@ -36,7 +36,7 @@ _REMEMBERS = 5  # steps, more than Chipmunk keeps a contact (collision_persisten
 _FAR_M = 1e6
 _NONE = _FREE = -1  # instead of the number of a space or a robot
 _PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
-_SPARE_M = 0.001  # more than rounding
+_SPARE_M = 0.001  # margin that exceeds rounding errors
 _COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is for pixels
 
 
@@ -73,7 +73,7 @@ def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
 
 
 def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
-    """Return by how many m (N,) a disc at each place (N, 2) overlaps the nearest wall; negative: its distance."""
+    """Return by how much, m (N,), a disc at each place (N, 2) overlaps the nearest wall (S, 4); negative: a gap."""
     return radius_m - np.hypot(*np.moveaxis(_from_walls(walls, places), 2, 0)).min(axis=1)
 
 
@@ -105,8 +105,9 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """Move a robot's body by one step under its force; return False, without any change, if it needs a space.
 
-    Robot ``i`` enters a free space near a wall and leaves it when the contact is forgotten. ``clear`` (H, W) is True
-    for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
+    Robot ``i``, on the map in slot ``level``, enters a free space near a wall and leaves it when the contact is
+    forgotten. ``clear`` (H, W) is True for cells in which a robot touches no wall; ``spaces`` are
+    :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
     if g.touch == 0:

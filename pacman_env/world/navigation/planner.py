@@ -49,7 +49,7 @@ def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
-    """Return True if the static path to the goal passes within ``keepout``, m, of an obstacle at (cx, cy)."""
+    """Return True if the next 2 m of the static path to the goal come within ``keepout`` of an obstacle (cx, cy), m."""
     cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     distance_cm = math.sqrt(dx * dx + dy * dy) * 100.0
@@ -118,7 +118,7 @@ def _extend_plan(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
 
 
 def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
-    """Return node table and queue for detours over ``cells`` drivable cells."""
+    """Return node table (K, 4) and queue for detours on a map with K = ``cells`` and static paths of ``longest_cm``."""
     searched = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
     keys = (_GREED + 2) * longest_cm + 2000  # longer detours are ignored
     return np.zeros((cells, 4), dtype=np.int32), new_queue(keys, _PUSHES * searched)
@@ -138,8 +138,8 @@ def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
 def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ignore[no-untyped-def]
     """Plan around obstacles by A* with static path lengths as estimate; return the number of points (0: no path).
 
-    The search ends at a cell with a free rest of the static path (shorter than ``clear_cm``), at the goal or, if an
-    obstacle is on the goal, at the first cell within the planner's tolerance of the goal.
+    The search ends at a cell behind the obstacles, where the static path is shorter than ``clear_cm``, or at the goal.
+    If an obstacle is on the goal, it ends at the first cell within the planner's tolerance of the goal.
     """
     cell_xy, length_cm = fields.cell_xy, fields.length_cm
     node, queue = search
@@ -207,9 +207,10 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
 
 @kernel
 def _keep_distances(start, goal, obstacles, step, p, fields):  # type: ignore[no-untyped-def]
-    """Set the distance to keep from each obstacle, and return the length of the free rest of the static path, cm.
+    """Set the distance to keep from each obstacle, and return the length, cm, of the static path behind them.
 
-    -1: no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, to get away.
+    The result is -1 if no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, so
+    that it can get away.
     """
     clear_cm = -1
     for k in range(len(obstacles)):
