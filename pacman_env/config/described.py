@@ -20,10 +20,7 @@ def unit_of(name: str) -> str:
 
 
 def description_of(owner: Any, name: str) -> str:
-    """Return the description of the field ``name`` of ``owner``, a group of the configuration; "" if it has none.
-
-    Raises ValueError for an unknown name.
-    """
+    """Return the description of a field of a section; "" if it has none. Raises ValueError for an unknown name."""
     (field,) = (one for one in dataclasses.fields(owner) if one.name == name)
     return str(field.metadata.get("description", ""))
 

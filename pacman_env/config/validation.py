@@ -74,10 +74,7 @@ def setting(default: Any, description: str) -> Any:
 
 
 class Checked:
-    """Base class of dataclasses whose values are checked against their annotations.
-
-    ``group`` is the prefix of the field names in messages.
-    """
+    """Base class of dataclasses whose values are checked against their annotations; messages contain ``group``."""
 
     _prefix = ""
 

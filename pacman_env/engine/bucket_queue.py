@@ -36,10 +36,7 @@ def new_queue(keys: int, entries: int) -> Queue:
 
 @kernel
 def clear(queue):  # type: ignore[no-untyped-def]
-    """Empty the queue and return how many times it was cleared.
-
-    After 2^31 - 1 times, which take hours, the count starts at 1 again.
-    """
+    """Empty the queue and return the number of clearings so far; after 2^31 - 1 (hours) it starts at 1 again."""
     state = queue.state
     if state[_STAMP] == _LAST_STAMP:
         queue.stamps[:] = 0

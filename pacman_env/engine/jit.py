@@ -54,10 +54,7 @@ def require_compiler() -> None:
 
 
 def table_kernel(function: F) -> F:
-    """Compile a kernel whose arguments are numbers and which creates no arrays.
-
-    Its code counts no references, which saves time.
-    """
+    """Compile a kernel that only takes numbers and creates no arrays; its code saves time by counting no references."""
     return kernel(function, allocates=False)
 
 

@@ -25,10 +25,7 @@ _arrays = arrays_by_address(_StageArrays)
 
 @table_kernel
 def run_stages(table, first, last):  # type: ignore[no-untyped-def]
-    """Run the stages in order for the games ``first`` to ``last - 1``.
-
-    The first result other than 0 ends the run and is returned; otherwise return 0.
-    """
+    """Run the stages in order for the games ``first`` to ``last - 1``; a result other than 0 ends the run."""
     stages = _arrays(table).stages
     for k in range(len(stages)):
         result = call_range(stages[k, 0], stages[k, 1], first, last)

@@ -18,7 +18,7 @@ _MANY = 1e9  # upper bound of rounds and of pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Return the observation space of one game, with a separate mask of ``beside`` candidates (None: no mask)."""
+    """Return the observation space of one game; ``beside`` is the length of a separate action mask (None: no mask)."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})

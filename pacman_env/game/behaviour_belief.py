@@ -7,8 +7,8 @@ the chosen branch. Without a fork, a move towards the robot carries no informati
 (``other``) may turn and stand.
 """
 
-#: The behaviours that are told apart, each with its prior, its likelihood of standing, and the same near the robot,
-#: where a chaser cannot come nearer. A ghost with any other behaviour, such as a new one, shows as ``other``.
+#: The behaviours that are told apart: prior probability, likelihood of standing far from the robot, and likelihood of
+#: standing near the robot, where a chaser cannot come nearer. Any other behaviour, such as a new one, is ``other``.
 _BELIEVED = {
     "wander": (0.55, 0.02, 0.02),
     "arcade": (0.15, 0.5, 0.5),
@@ -46,9 +46,9 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
     """Update ``belief`` (4,), probabilities in the order of ``BELIEVED``, after a move of a ghost.
 
     Args:
-        places_share: share of its possible places that the ghost approached; 0: none.
+        places_share: share of its possible destinations that the ghost approached; 0: none.
         robot_share: length by which its path to the robot became shorter, relative to the length of the move.
-        corner_share: the same for the path to its corner.
+        corner_share: length by which its path to its corner became shorter, relative to the length of the move.
         near: the robot was nearer than the distance at which ``arcade`` turns away.
         turned: the move was opposite to the previous one.
     """
@@ -78,7 +78,7 @@ def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
 
 
 def comes(belief):  # type: ignore[no-untyped-def]
-    """Return True if a ghost counts as approaching the robot; ``belief`` (4, ...) may cover many ghosts."""
+    """Return True if a ghost with this belief (4,) counts as approaching the robot; a mask (...) for (4, ...)."""
     return belief[ARCADE] + belief[CHASES] > COMES
 
 

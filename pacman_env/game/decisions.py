@@ -15,7 +15,7 @@ HOLD = -1  # choice without a goal
 
 
 def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """Return the constants of :func:`decision_due`; ``in_units`` converts seconds."""
+    """Return the constants of :func:`decision_due`; ``in_units`` converts seconds to the caller's unit of time."""
     decisions = config.decisions
     return {
         "threat_distance": decisions.threat_distance_m,

@@ -20,7 +20,7 @@ _EDGE_S = 1e-9  # tolerance, because sums of periods hit the times at which the 
 
 
 def killed_by(ghost: str) -> str:
-    """Return the event in which a ghost catches the robot."""
+    """Return the word of the event in which a ghost catches the robot."""
     return f"{ghost} killed"
 
 

@@ -52,7 +52,7 @@ class Board(NamedTuple):
 
 
 def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """Return the constants of :func:`transition`; ``in_units`` converts seconds."""
+    """Return the constants of :func:`transition`; ``in_units`` converts seconds to the record's unit of time."""
     execution = config.execution
     return {
         "death": execution.death_radius_m,
@@ -142,8 +142,9 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
 def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     """Apply the result of the current goal.
 
-    As built, a success collects the pellet wherever the robot is, and an abort removes it uncounted. Robust, a success
-    only counts near the pellet (Nav2 moves blocked goals by up to 0.5 m), else the goal waits, up to 8 times as long.
+    With the rules ``as_built``, a success collects the pellet wherever the robot is, and an abort removes it uncounted.
+    With ``robust``, a success only counts near the pellet, because Nav2 moves blocked goals by up to 0.5 m. After a
+    failure the goal may not be chosen for a while, which becomes up to 8 times as long with each failure.
     """
     slot = s.pursued
     s.pursued = NO_CHOICE

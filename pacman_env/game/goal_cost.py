@@ -23,7 +23,7 @@ class ScorerParameters(NamedTuple):
     approach_speed_mps: float = 0.03  # smallest closing speed that counts
     replan_margin_m: float = 0.3  # a new goal must cost less by at least this
     threat_exit_margin_m: float = 0.0  # both radii grow by this while Clyde threatens
-    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near are skipped
+    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near to Clyde are skipped
 
 
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:
@@ -47,7 +47,8 @@ def score_situation(
 ) -> None:
     """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.
 
-    If Clyde's position is NaN (unknown), there is no risk and every direction is safe.
+    ``robot`` (3,) and ``clyde`` (2,) are pose and position, m and rad; ``documented`` selects the formula. If Clyde's
+    position is NaN (unknown), there is no risk and every direction is safe.
     """
     to_clyde_x, to_clyde_y = clyde[0] - robot[0], clyde[1] - robot[1]
     robot_clyde = math.hypot(to_clyde_x, to_clyde_y)

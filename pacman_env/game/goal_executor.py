@@ -1,7 +1,7 @@
 """Execute goals on a robot (Algorithm 4), driven by events of Nav2's asynchronous action and by the game's messages.
 
-This is a pure state machine: time is an argument, the result is a list of actions. The rules for choices, results and
-distances are in ``execution.py``. Nav2 may answer late, about goals abandoned long ago, or never.
+This is a pure state machine: time (``now``, s) is an argument, the result is a list of actions. The rules for choices,
+results and distances are in ``execution.py``. Nav2 may answer late, about goals abandoned long ago, or never.
 """
 
 import math
@@ -36,7 +36,7 @@ class GoalExecutor:
         self._active = False
         self._held: set[str] = set()  # reasons to stand, such as an operator's stop or a lost pose
         self._nav2_there = False
-        self._waiting_s: float | None = None  # time since when the return home cannot start
+        self._waiting_s: float | None = None  # time at which the return home was first impossible
         self._arrived_s: float | None = None  # time of a success at home that no pose has confirmed
 
     @property

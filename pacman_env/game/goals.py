@@ -40,8 +40,8 @@ def home_place(x: float, y: float, heading: float) -> Place:
 class Goals:
     """Goals of one map: candidate pellets, pellets out of reach, refuges; positions in m.
 
-    Pellets out of reach can only be collected in passing. ``slot`` is the row in ``xy``, and ``power`` tells by slot
-    which pellets are power pellets.
+    Pellets out of reach can only be collected in passing. ``slot`` maps a pellet's id to its row in ``xy``, and
+    ``power`` is a mask of the power pellets by slot.
     """
 
     def __init__(

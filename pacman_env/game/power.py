@@ -21,7 +21,7 @@ _MOST_DOUBLINGS = 3  # 200, 400, 800, 1600 for the four ghosts of one energizer 
 def choose_power_pellets(position: NDArray[np.float64], home: tuple[float, float], count: int) -> NDArray[np.bool_]:
     """Return a mask (P,) of the power pellets among pellets at ``position`` (P, 2), m.
 
-    Each is the pellet farthest, in a straight line, from home and from those chosen before; the first of equal ones.
+    Each is the pellet with the largest straight distance to home and the pellets chosen before; the first in a tie.
     """
     chosen = np.zeros(len(position), dtype=np.bool_)
     nearest = np.hypot(position[:, 0] - home[0], position[:, 1] - home[1])

@@ -17,7 +17,7 @@ _GONE_S = 2.0  # a pellet missing from reports for this long was removed by anot
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
-#: Status of a pellet; for a ghost, its number among the catches of this side in this round, and its name.
+#: Report of a pellet: the status. Report of a ghost: number of the catch by this side in this round, ghost's name.
 _Report = str | tuple[int, str]
 
 
@@ -119,7 +119,7 @@ class UnacknowledgedStatuses:
         return repeated
 
     def _is_answered(self, report: _Report) -> bool:
-        """Return True if the game acknowledges such reports, as far as this side knows."""
+        """Return True if the game has sent the count that acknowledges such reports (pellets or ghosts)."""
         return (self._counted if isinstance(report, str) else self._caught_before) is not None
 
     def _word(self, report: _Report) -> str:
@@ -139,7 +139,7 @@ class RobotRound:
         self.goals = goals
         self.rules = SimpleNamespace(**rules(config, float), pellet_slots=goals.candidates)
         self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, except pellets collected since the last report
-        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since which reports do not show the pellet
+        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time of the first report without the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self._power = config.power
         self.begin(1)

@@ -1,7 +1,7 @@
 """Control the game from menu to menu (Algorithm 5).
 
-This is a pure state machine: time is an argument, the result is a list of actions. Pick-up, death and the event
-``<ghost> killed`` belong to Algorithm 4.
+This is a pure state machine: time (``now``, s) is an argument, the result is a list of actions. Pick-up, death and the
+event ``<ghost> killed`` belong to Algorithm 4.
 """
 
 import math

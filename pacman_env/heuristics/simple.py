@@ -27,7 +27,7 @@ class Nearest(BasePolicy):
         return np.where(allowed, -situation.path_robot, -np.inf)
 
     def select(self, situation: Situation) -> Indices:
-        """Return the nearest pellet (N,), the first one in a tie, or the current one unless beaten by the margin."""
+        """Return the nearest pellet (N,), the first one in a tie; keep the current one unless beaten by the margin."""
         goal = super().select(situation)
         scores = self.scores(situation)
         games, current = np.arange(len(goal)), situation.current

@@ -49,7 +49,7 @@ ROBOT = [
     ("then", np.int32),  # the goal that replaces it after ``then_s``, or UNCHANGED
     ("reached", np.bool_),  # reached a goal in this step
     ("then_s", np.float64),
-    ("wait_s", np.float64),  # left for turning
+    ("wait_s", np.float64),  # time left for turning
     ("left_m", np.float64),  # path length to the goal
     ("heading", np.float64),  # rad
     ("x", np.float64),  # m
@@ -221,7 +221,7 @@ def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def choose(robot, goal, model):  # type: ignore[no-untyped-def]
-    """Apply the planner's choice (NOWHERE: stop); a driving robot follows its old path for ``switch_s`` first."""
+    """Apply the choice of a goal (NOWHERE: stop); a driving robot follows its old path for ``switch_s`` first."""
     p = model.rules[0]
     if goal == robot.goal and robot.then == UNCHANGED:
         return
@@ -268,7 +268,7 @@ def _advance(robot, span, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _collect(robot, bit):  # type: ignore[no-untyped-def]
-    """Collect the pellet with a bit, if it is left."""
+    """Collect the pellet of the bit number ``bit``, if it is left."""
     one = np.uint64(1) << np.uint64(bit)
     if robot.pellets & one:
         robot.pellets ^= one
@@ -298,7 +298,11 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def ask(table, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the target (x, y), m, of a ghost that sees the robot's pose (3,); NaN if it wanders or raises an error."""
+    """Return the target (x, y), m, of a ghost that sees the pose ``robot`` (3,) and has its own ``corner`` (x, y), m.
+
+    The result is (NaN, NaN) if the ghost wanders or its behaviour raises an error. ``table`` is the address of
+    ``BehaviourArrays``.
+    """
     a, k = behaviour_arrays(table), ghost.number
     if a.behaviours[k, 0] == 0:
         return math.nan, math.nan
@@ -323,7 +327,7 @@ def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
-    """Move a ghost for some seconds along the shortest path to its target block."""
+    """Move a ghost for ``seconds`` along the shortest path to its target block."""
     x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
         length = units_between(m, ghost.block, ghost.towards) * unit

@@ -65,7 +65,8 @@ def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
 def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[no-untyped-def]
     """Update the beliefs about a game's ghosts (G,).
 
-    ``robot`` is the robot's believed position (x, y), m, and ``level`` the address of a level.
+    ``robot`` is the robot's believed position (x, y), m, ``paths`` (G, L) are the ghosts' paths, and ``level`` is the
+    address of a level. Within ``arcade_m`` of the robot ``arcade`` turns away; a tick lasts ``tick_s``.
     """
     a = level_arrays(level)
     snap, length_cm = a.snap, a.length_cm

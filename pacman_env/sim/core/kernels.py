@@ -94,7 +94,7 @@ def reset_robot(g, home):  # type: ignore[no-untyped-def]
 
 @kernel
 def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped-def]
-    """Initialize rounds of the games ``index`` (M,) from their first records ``fresh`` (M,)."""
+    """Initialize rounds of the games ``index`` (M,) from their first records ``fresh`` (M,) and ``seeds`` (M,)."""
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -137,7 +137,7 @@ def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
-    """Apply an event of Algorithm 4 to game i, cancel its goal if required, and return the action."""
+    """Apply an event of :func:`transition` at (x, y), m, to game i, cancel its goal if required; return the action."""
     g = a.games[i]
     collected, power, caught = g.collected, g.power, g.caught
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
@@ -170,7 +170,7 @@ def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
 
 @kernel
 def command(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Set the commanded velocities, m/s and rad/s, clipped to the limits of the base."""
+    """Set the commanded velocities, m/s and rad/s, clipped to the limits of the base and to driving forwards."""
     g.command_v, g.command_w = limit(max(v, 0.0), w, p)
 
 

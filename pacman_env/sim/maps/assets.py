@@ -259,7 +259,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 @kernel
 def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Lower ``nearest`` (K,) to the path lengths to one more place, ``length_cm`` (K,).
+    """Lower ``nearest`` (K,), path lengths to the nearest place, to the lengths ``length_cm`` (K,) to one more place.
 
     Return the cell of the mask ``roomy`` (K,) that is then farthest.
     """
@@ -272,7 +272,7 @@ def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
 
 
 def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int32]:
-    """Return the number (H, W) of the ghost cell of a connected part in each grid cell, -1: none."""
+    """Return for each grid cell (H, W) the number of its ghost cell, or -1 without a ghost cell in ``part``."""
     number = np.full(grid.shape, -1, dtype=np.int32)
     _put(number, grid.affine, clyde.position, clyde.cells_in(part))
     return number

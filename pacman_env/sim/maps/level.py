@@ -31,7 +31,7 @@ class LevelArrays(NamedTuple):
     goal_cell: Any = Array(np.int32, "G")
     goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
     plan_end: Any = Array(np.float64, "G 2")  # m
-    power: Any = Array(np.bool_, "G")  # the power pellets
+    power: Any = Array(np.bool_, "G")  # True for power pellets
     spawn_cells: Any = Array(np.int32, "k")  # where ghosts may start
     ghost_graph: Any = Array(np.int32, "C 16")  # see ``ClydeCells.graph``
     ghost_part: Any = Array(np.int32, "C")

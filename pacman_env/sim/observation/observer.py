@@ -207,7 +207,7 @@ class Observer:
 
     @cached_property
     def _row_stages(self) -> list[Stage]:
-        """Stage that scales, lists and flattens the arrays; empty if nothing has to change."""
+        """List with the stage that scales, lists and flattens the arrays; empty if nothing has to change."""
         parts, scales, at = [], [np.zeros((2, 0), dtype=np.float32)], 0
         for key, part in self._unscaled.items():
             width, raw = int(np.prod(part.shape)), self.allowed if key == MASK else self._raw[key]

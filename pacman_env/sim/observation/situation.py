@@ -202,7 +202,10 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 @kernel
 def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyped-def]
-    """Insert ``number`` into ``order[first : first + room]``, sorted by ``length[number]``; ``MISSING`` is free."""
+    """Insert ``number`` into ``order[first : first + room]``, which is sorted by ``length[number]``.
+
+    ``MISSING`` marks free places at the end; if there is none, the number with the largest length is dropped.
+    """
     place = room
     while place > 0:
         other = order[first + place - 1]
@@ -217,7 +220,10 @@ def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyp
 
 @kernel
 def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
-    """Write the list ``order`` (K,) of one situation with C candidates; ``now`` is the current one, -1: none."""
+    """Write the list ``order`` (K,) of one situation; ``now`` is the current candidate (-1: none).
+
+    At most ``pellets`` pellets and ``refuges`` refuges are listed; ``kind``, ``mask`` and ``path`` are (C,).
+    """
     order[:] = MISSING
     for c in range(len(kind)):
         if kind[c] == HOLD:
@@ -238,7 +244,7 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
 
 @kernel
 def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
-    """Return the candidate of an action, ``hold`` if it stands for none, and True if the action is allowed.
+    """Return the candidate that an action means (``hold`` if none), and True if the action is allowed.
 
     ``listed`` (K,) are the candidates of the actions; with K = 0 actions are candidates, which ``mask`` (C,) allows.
     """

@@ -57,7 +57,7 @@ def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
 
 @table_kernel
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the situations of the games ``first`` to ``last`` and their columns of ``summary``; return 0.
+    """Write the situations of the games ``first`` to ``last - 1`` and their columns of ``summary``; return 0.
 
     ``table`` is the address of ``ViewArrays``. Their ``request`` selects the block to fill, and whose situation it is:
     the robot's, or the ghost's ``player``, for which the ghost is Clyde and the candidates are places for ghosts.

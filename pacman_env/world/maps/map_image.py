@@ -65,10 +65,7 @@ def _to_byte(plane: NDArray[Any]) -> Grey:
 
 
 def _transparent_grey(data: bytes) -> int | None:
-    """Return the grey value that a PNG's tRNS chunk makes transparent, at the decoded depth, or None without a chunk.
-
-    OpenCV ignores this chunk.
-    """
+    """Return the grey that a PNG's tRNS chunk makes transparent, at the decoded depth, or None; OpenCV ignores it."""
     at = len(_PNG)
     while data.startswith(_PNG) and at + 12 <= len(data) and data[at + 4 : at + 8] != b"IDAT":
         (size,) = struct.unpack(">I", data[at : at + 4])

@@ -78,7 +78,7 @@ class DriveGrid:
         return self._numbers(*self.locate(position)[:2])
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
-        """Return the drivable cell of each pixel (M, 2) u, v of the map's image with ``height`` rows, or -1."""
+        """Return the drivable cell of each pixel (M, 2), column and row of the image with ``height`` rows, or -1."""
         return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
 
     def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:

@@ -37,9 +37,9 @@ def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-
 def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     """Return the distance from (x, y) along a unit vector to the first cell that is not free, all in cells.
 
-    The search starts at the distance ``t``, up to which all cells are free. If all cells up to ``limit`` or up to the
-    edge of the grid are free, the result is ``limit``. Crossings of cell edges (Amanatides and Woo 1987) are computed
-    from (x, y), so that ``t`` does not affect the result.
+    The search starts at the distance ``t``, up to which all cells are free. If all cells up to ``limit`` or the grid's
+    edge are free, the result is ``limit``. Crossings of cell edges (Amanatides and Woo 1987) are computed from (x, y),
+    so that ``t`` does not affect the result.
     """
     rows, columns = clearance_cm.shape
     at_x, at_y = x + t * ux, y + t * uy

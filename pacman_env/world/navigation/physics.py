@@ -105,9 +105,8 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """Move a robot's body by one step under its force; return False, without any change, if it needs a space.
 
-    Robot ``i``, on the map in slot ``level``, enters a free space near a wall and leaves it when the contact is
-    forgotten. ``clear`` (H, W) is True for cells in which a robot touches no wall; ``spaces`` are
-    :attr:`Spaces.arrays`.
+    Robot ``i`` enters a free space of its map ``level`` near a wall and leaves it when the contact is forgotten.
+    ``clear`` (H, W) is True for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
     if g.touch == 0:
