@@ -125,7 +125,7 @@ class Config(sections.Groups):
         return operator.attrgetter(name)(self)
 
     def as_settings(self) -> dict[str, Any]:
-        """Return all fields by dotted name, in the form of ``settings``."""
+        """Return all fields by dotted name, like the argument ``settings`` of an environment."""
         groups = {name.rpartition(".")[0] for name in FIELDS}
         return {name: self.value(name) for name in FIELDS if name not in groups}
 
@@ -135,7 +135,7 @@ class Config(sections.Groups):
 
     @property
     def hash(self) -> str:
-        """Return 12 hexadecimal digits that identify the configuration: equal fields, equal hash."""
+        """Return 12 hexadecimal digits that identify the configuration; equal fields give equal digits."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -148,7 +148,7 @@ for _group, _kind in kinds(Config).items():
 
 
 def kind_of(name: str) -> Any:
-    """Return the type of a field, or the class of a group; raises ConfigError, with the nearest names, if unknown."""
+    """Return the type of a field, or the class of a group; an unknown name raises ConfigError with similar names."""
     if name in FIELDS:
         return FIELDS[name]
     close = nearest_names(name, FIELDS)
@@ -158,7 +158,7 @@ def kind_of(name: str) -> Any:
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return the fields that differ between two results of ``as_dict``, with both values (None: no such field)."""
+    """Return the fields that differ between two results of ``as_dict``, each with its two values (None: missing)."""
     pairs: dict[str, tuple[Any, Any]] = {}
     for name in sorted({*a, *b}):
         one, other = a.get(name), b.get(name)

@@ -31,7 +31,7 @@ class ConfigError(ValueError):
 
 
 def require(condition: bool, field_name: str, value: object, rule: str) -> None:
-    """Raise a ConfigError unless the condition holds."""
+    """Raise a ConfigError with field, value and ``rule`` unless the condition holds."""
     if not condition:
         shown = str(value) if isinstance(value, Path) else value
         raise ConfigError(f"{field_name} = {shown!r:.600}: {rule}")

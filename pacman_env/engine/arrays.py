@@ -138,7 +138,7 @@ class Table:
 
 @functools.cache
 def _places(kind: type[tuple[Any, ...]]) -> dict[str, int]:
-    """Return the index of each array's address among the numbers of a table."""
+    """Return for each array, by name, the index of its address in a table's numbers."""
     sizes = [1 + len(axes) for _, axes in declared(kind).values()]
     return dict(zip(declared(kind), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
 

@@ -45,7 +45,7 @@ def load(context, builder, signature, array, index):  # type: ignore[no-untyped-
 
 @operation(types.void, None, None, ROW)
 def store(context, builder, signature, array, index, row):  # type: ignore[no-untyped-def]
-    """Write a row from element ``index`` of a float32 array on."""
+    """Write a row to the elements of a float32 array that begin at ``index``."""
     builder.store(row, _place(context, builder, signature, array, index), align=4)
 
 

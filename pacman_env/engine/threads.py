@@ -101,7 +101,7 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
 
 @kernel
 def _finish(shared, threads):  # type: ignore[no-untyped-def]
-    """Work on parts and wait for other threads; return False if they are not done after ``_SPINS`` pauses."""
+    """Work on parts and wait for other threads; return False if the job is not done after ``_SPINS`` pauses."""
     _do_parts(shared, 0, threads)
     count = load(shared, _COUNT)
     for _ in range(_SPINS):

@@ -99,7 +99,7 @@ class GameRunner:
         return self._games.observer
 
     def require_reset(self, running: bool = False) -> None:
-        """Raise ResetNeeded before the first reset, or with ``running`` if every episode is over."""
+        """Raise ResetNeeded before the first reset, and with ``running`` also if every episode is over."""
         if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
         if running and self.batch.summary[0, 0] != RUNNING and (self.batch.summary[0] != RUNNING).all():
@@ -237,7 +237,7 @@ class GameRunner:
         return self._lay_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
-        """Return a ghost's observation, its mask (N, C) and the candidate of each action (N, C), None if equal."""
+        """Return a ghost's observation, its mask (N, C) and the candidates of actions (None: all, by number)."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
@@ -281,7 +281,7 @@ class GameRunner:
         return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, Indices]) -> NDArray[Any] | None:
-        """Return the choices (N, G) of all ghosts from their policies and ``given``; None if no ghost needs one."""
+        """Return the choices (N, G) of the ghosts' policies, or ``given`` by ghost number; None if none is needed."""
         if not (self._policies or given):
             return None
         choices = np.zeros(self.batch.ghosts.shape, dtype=GHOST_CHOICE)

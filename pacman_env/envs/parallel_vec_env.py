@@ -203,7 +203,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @shared
     def state(self) -> NDArray[np.float64]:
-        """Return the true states (N, S), named by ``state_names``; raises ResetNeeded before the first reset."""
+        """Return the states (N, S) with columns ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
 
     def stacked(self, observations: Observations) -> Any:

@@ -34,7 +34,7 @@ class ResetOptions:
 
     @classmethod
     def of(cls, options: Mapping[str, Any] | None, games: int, *more: str) -> ResetOptions:
-        """Parse ``options`` of a reset; raises ValueError for unknown ones, except ``more``, which the caller reads."""
+        """Parse ``options`` of a reset; raises ValueError for unknown names, except ``more``, which the caller uses."""
         if options is None:
             return cls()
         if not isinstance(options, Mapping):

@@ -34,7 +34,7 @@ def observation_space(parts: Mapping[str, ObservationPart], beside: int | None =
 
 
 def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
-    """Return the action space of one game: ``candidates`` goals (None: all of the batch), or the velocities (2,)."""
+    """Return the action space of one game: one of ``candidates`` goals (None: all of the batch), or velocities (2,)."""
     if batch.config.action == "goal":
         return spaces.Discrete(batch.candidates if candidates is None else candidates)
     if batch.config.action_range == "unit":

@@ -69,7 +69,7 @@ def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
 
 
 def within(dx, dy, radius):  # type: ignore[no-untyped-def]
-    """Return True if d <= r, the condition for pick-up and death (Milestone 3, Algorithm 4)."""
+    """Return True if (dx, dy) is at most ``radius`` long: in reach for pick-up or death (Milestone 3, Algorithm 4)."""
     return dx * dx + dy * dy <= radius * radius
 
 
@@ -84,7 +84,7 @@ def round_complete(collected: int, spawned: int) -> bool:
 
 
 def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
-    """Return the map goal of a candidate; goals are pellets, then refuges, without padding."""
+    """Return the number of a candidate's goal on the map; goals are pellets, then refuges, without padding."""
     return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
 
 
@@ -94,9 +94,9 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
     Args:
         s: the record, see :class:`Execution`.
         event: ``CHOICE`` of a candidate, ``RESULT`` of the current goal, or ``CHECK`` of pellets and ghosts.
-        value: the chosen candidate or ``NO_CHOICE``; for a result, its status.
+        value: the chosen candidate or ``NO_CHOICE``; for a result, the goal's status.
         at: (x, y) of the robot's believed position, m; for a result, the position in Nav2's feedback.
-        now: time.
+        now: time in the record's unit.
         navigating: True if Nav2 has a goal that is not cancelled.
         board: see :class:`Board`.
         p: the constants, see :func:`rules`, and ``pellet_slots``.

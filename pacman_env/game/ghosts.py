@@ -119,7 +119,7 @@ def chase(view, parameters):  # type: ignore[no-untyped-def]
 
 
 def arcade(view, parameters):  # type: ignore[no-untyped-def]
-    """Return the target (x, y), m, of the arcade's Clyde: the robot, or within ``parameters[0]`` m its corner."""
+    """Return the target (x, y), m, of the arcade's Clyde: the robot, or its corner if within ``parameters[0]``."""
     dx, dy = view.robot_x - view.x, view.robot_y - view.y
     if dx * dx + dy * dy > parameters[0] * parameters[0]:
         return view.robot_x, view.robot_y
@@ -170,7 +170,7 @@ def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     """Place a ghost on a cell; it chooses its first target at its first move.
 
-    ``path`` (L,) are the cells of its path, and ``position`` (K, 2), m, the centres of all cells.
+    ``path`` (L,) is the memory for its path, and ``position`` (K, 2), m, are the centres of all cells.
     """
     path[0] = cell
     ghost.spawn_cell = cell

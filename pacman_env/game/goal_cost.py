@@ -23,7 +23,7 @@ class ScorerParameters(NamedTuple):
     approach_speed_mps: float = 0.03  # smallest closing speed that counts
     replan_margin_m: float = 0.3  # a new goal must cost less by at least this
     threat_exit_margin_m: float = 0.0  # both radii grow by this while Clyde threatens
-    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near to Clyde are skipped
+    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near Clyde are skipped
 
 
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:

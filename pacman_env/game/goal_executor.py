@@ -64,7 +64,7 @@ class GoalExecutor:
         return self._halt(now) if driving or self.sent.open else []
 
     def hold(self, reason: str, held: bool, now: float) -> list[ExecutorAction]:
-        """Add or remove a reason to stand; while there is one, no goal is sent, but task and round continue."""
+        """Add (``held``) or remove a reason to stand still; meanwhile no goal is sent, but task and round continue."""
         if held == (reason in self._held):
             return []
         was = bool(self._held)
@@ -143,7 +143,7 @@ class GoalExecutor:
     # Nav2's answers
 
     def nav2(self, there: bool, now: float) -> list[ExecutorAction]:
-        """Record whether Nav2's action server exists; without it no goal is pursued."""
+        """Record whether Nav2's action server is ``there``; without it no goal is pursued."""
         self._nav2_there = there
         if not there:
             self._drop_current()

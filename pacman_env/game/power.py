@@ -72,7 +72,7 @@ def send_away(ghost, until):  # type: ignore[no-untyped-def]
 
 
 def score_pellet(streak, is_power, power_points):  # type: ignore[no-untyped-def]
-    """Return the points of a collected pellet, and the streak: ghosts caught since the last power pellet."""
+    """Return the points of a collected pellet, and the new streak: ghosts caught since the last power pellet."""
     return (power_points, 0) if is_power else (1, streak)
 
 

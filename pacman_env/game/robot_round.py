@@ -77,7 +77,7 @@ class UnacknowledgedStatuses:
         return ExecutorAction("status", word)
 
     def collected_before(self, pellets: Sequence[int], gone: int) -> list[ExecutorAction]:
-        """Report pellets that a previous executing side collected, if fewer are counted than are ``gone``.
+        """Report ``pellets`` that a previous executing side collected, if the game counts fewer than ``gone`` pellets.
 
         The previous side may have ended before the referee received its report. The referee counts no pellet twice.
         """
@@ -176,8 +176,9 @@ class RobotRound:
     def report(self, left: Iterable[int], unknown: int, playing: bool, now: float) -> list[ExecutorAction]:
         """Process a report with the ids of the pellets ``left`` and the number of ``unknown`` pellets of another map.
 
-        A round without pellets in reach is reported as complete. A pellet that is missing from reports for 2 s counts
-        as gone. A report that only contains unknown pellets is about another map and changes nothing.
+        While the game is ``playing``, a round without pellets in reach is reported as complete. A pellet that is
+        missing from reports for 2 s counts as gone. A report that only contains unknown pellets is about another map
+        and changes nothing.
         """
         self.statuses.begin_event()
         left = list(left)
@@ -220,7 +221,7 @@ class RobotRound:
     def step(
         self, event: int, value: int, at: Position | None, now: float, navigating: bool, ghosts: Sequence[Position] = ()
     ) -> tuple[int, list[ExecutorAction]]:
-        """Apply an event of :func:`transition`; return the action for the goal and the reports."""
+        """Apply an event of :func:`transition` at ``at``, m; return the action for the goal, and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
         times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
         np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back

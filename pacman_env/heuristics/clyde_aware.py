@@ -72,7 +72,7 @@ class ClydeAware(BasePolicy):
         self._threatened: Flags | None = None
 
     def reset(self, games: Flags, config: Config) -> None:
-        """Clear the threat flags of the games in the mask (N,); another number of games clears all."""
+        """Clear the threat flags of the games in the mask (N,); clear all flags if the number of games changed."""
         super().reset(games, config)
         game = {"death_radius_m": config.execution.death_radius_m}
         self.parameters = ScorerParameters(**{**game, **self._given})

@@ -24,7 +24,7 @@ class BehaviourOpponent(BasePolicy):
         self._number = BEHAVIOUR_NAMES.index(name)
 
     def select(self, situation: Situation) -> NDArray[Any]:
-        """Return choices (N,) of type ``GHOST_CHOICE``: to behave in this way."""
+        """Return choices (N,) of type ``GHOST_CHOICE``: to follow the behaviour."""
         return choices_of(np.full(len(situation.mask), self._number), AS_BEHAVIOUR)
 
 

@@ -94,7 +94,7 @@ class MapView:
         return self.assets.occupancy.origin[2] - heading
 
     def layer(self, alive: NDArray[np.bool_]) -> Image:
-        """Return the background with pellets drawn by ``alive`` (P,); the image is cached and must not be changed."""
+        """Return the cached image of the map with its pellets, remaining if ``alive`` (P,); it must not be changed."""
         return self._drawn(alive.tobytes())
 
     def _draw_layer(self, alive: bytes) -> Image:
@@ -104,7 +104,7 @@ class MapView:
         return picture
 
     def _arrange(self) -> None:
-        """Arrange header, map as large as possible, and legend, which is omitted if it needs too many lines."""
+        """Arrange header, map and legend: the largest possible map, and no legend if it needs too many lines."""
         height, unit = self.height, self.unit
         columns, rows = self._cells.tolist()
         margin = math.ceil(10 * unit)
@@ -246,7 +246,7 @@ map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
 def game_view(batch: GameBatch, game: int, height: int, theme: Theme = "light") -> MapView:
-    """Return the view of a game's map for frames of ``height`` px (even, at least 120); a batch has one width."""
+    """Return the view of a game's map, ``height`` px high (even, at least 120); a batch's views have one size."""
     return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1, theme)
 
 
@@ -364,7 +364,7 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     symbols.paste(image, x + pad, upper, chip)
 
     def write(words: list[tuple[str, Colour, float]], row: float, cap: float, end: float) -> None:
-        """Write words with their colours and following gaps, px, up to the column ``end``."""
+        """Write words, each with its colour and the gap after it (px), up to the column ``end``."""
         at = left
         for word, colour, gap in words:
             picture = symbols.text(word, cap, colour == view.colours.text, colour, view.colours.header)

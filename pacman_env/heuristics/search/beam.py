@@ -136,7 +136,7 @@ def _same(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_best(nodes, order, count, width, kept):  # type: ignore[no-untyped-def]
-    """Append the nodes of a layer with the indices ``order``, without equivalent nodes, to ``kept``.
+    """Append the indices ``order`` of a layer's nodes to ``kept``; skip nodes equivalent to a node in ``kept``.
 
     ``kept`` contains ``count`` indices before. Return the new count, at most ``width``.
     """

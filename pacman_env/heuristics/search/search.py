@@ -120,7 +120,7 @@ class Search(BasePolicy):
         return tuple(names)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """Return the value (N, C) of the best line per candidate; without a predictable ghost, the base's scores."""
+        """Return the value (N, C) of each candidate's best line, or the base's scores if no ghost is predictable."""
         p = self.parameters
         behaviours = [self.behaviours(situation, i) for i in range(len(situation))]
         searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in behaviours])
@@ -189,5 +189,5 @@ def alone(**parameters: Any) -> Search:
 
 
 def is_predictable(behaviour: Behaviour) -> bool:
-    """Return True if a ghost's view determines its target."""
+    """Return True if a ghost with this behaviour has a target that only depends on its view."""
     return behaviour.target is not None and behaviour.name != WANDER

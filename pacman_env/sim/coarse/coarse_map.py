@@ -221,7 +221,7 @@ def joined_blocks(
 
 @kernel
 def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
-    """Set ``joined`` (B, B) for each pair of blocks with neighbouring cells, each block with itself included."""
+    """Set ``joined`` (B, B) to True for all pairs of blocks with neighbouring cells, also of a block with itself."""
     for k in range(len(block)):
         for d in range(neighbours.shape[1]):
             if neighbours[k, d] >= 0:
@@ -302,7 +302,7 @@ def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lower(own, via, cost):  # type: ignore[no-untyped-def]
-    """Lower the lengths ``own`` (_TARGETS,) of a block to those via its neighbour; return True if one was lowered."""
+    """Lower the lengths ``own`` (_TARGETS,) of a block to ``via`` + ``cost``; return True if one was lowered."""
     lowered = np.int32(0)
     for k in range(_TARGETS):
         new = np.int32(via[k] + cost)
@@ -423,7 +423,7 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
 
 @kernel
 def _nearby_blocks(place, ghost_place, length):  # type: ignore[no-untyped-def]
-    """Return two ghost blocks for each place, (B, 2): the nearest one, and the farthest from it by path in _BESIDE_M.
+    """Return for each place (B, 2) the nearest ghost block, and the block within _BESIDE_M farthest from it by path.
 
     A ghost can reach a robot near a wall from both sides, and a centimetre can decide which path is shorter. ``place``
     (B, 2) and ``ghost_place`` (A, 2) are in m, ``length`` (A, A) in mm.

@@ -87,7 +87,7 @@ def wander_on(ghost, path, level, search):  # type: ignore[no-untyped-def]
 
 @kernel
 def head_for(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
-    """Redirect a ghost to another cell at once: to the next cell of its path, then along the shortest path, if any."""
+    """Redirect a ghost at once: to the next cell of its path, then on the shortest path to ``target``, if any."""
     part = level.ghost_part
     node, queue = search
     current = path[ghost.path_index]

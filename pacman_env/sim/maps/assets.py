@@ -228,7 +228,7 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
 def choose_refuges(
     grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
 ) -> NDArray[np.float64]:
-    """Return refuges (R, 2) in m: the home position, up to ``nooks`` nooks, up to ``spread`` places far from these."""
+    """Return refuges (R, 2), m: home, at most ``nooks`` nooks, and at most ``spread`` places far from other refuges."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
     spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)

@@ -47,7 +47,7 @@ class LevelSlots:
 
     @property
     def address(self) -> int:
-        """Address of ``addresses``."""
+        """Memory address of the array ``addresses``."""
         return address(self.addresses)
 
     def level(self, slot: int) -> Level:

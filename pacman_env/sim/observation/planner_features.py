@@ -254,7 +254,7 @@ def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the features of the situations ``first`` to ``last - 1``; return 0, or ``NEEDS_MAPS`` if one is missing."""
+    """Write the features of the situations ``first`` to ``last - 1``; return 0 or ``NEEDS_MAPS``, see above."""
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])

@@ -86,7 +86,7 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
 
 @kernel
 def seen_by(seen):  # type: ignore[no-untyped-def]
-    """Return the arrays of the situations in a ``SeenArrays``."""
+    """Return the arrays of the situations whose block is in ``seen``, a ``SeenArrays``."""
     r = seen.request[0]
     return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
 
@@ -343,7 +343,7 @@ def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped
     """Compare the robot's ``count`` paths with the paths of ghost k (-1: the nearest), and update ``result``."""
     paths, own, walkers, sums = room
     affine, (steps, across) = level.affine, _steps(level)
-    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells per m
     if is_nobody(s, i, k):
         if k <= 0:
             for j in range(count):
@@ -385,7 +385,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
     _, own, walkers, _ = room
     speed = request.robot_speed
     affine, (steps, across) = level.affine, _steps(level)
-    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells per m
     place = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
     cell = _drivable_cell(affine, level.snap, level.cell_xy, s.robot[i, 0], s.robot[i, 1])

@@ -120,7 +120,7 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
-    """Rotate a map-frame vector to forward and left of a robot with this heading (cosine, sine), and clip both."""
+    """Return a map vector's components forward and left of a robot with this heading, clipped to +-``limit``."""
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
@@ -320,9 +320,9 @@ TIME = "time"  # column divided by the time limit
 
 
 def unit_scale(columns: Columns, time_limit_s: float) -> NDArray[np.float32]:
-    """Return the scales of columns (2, F) for ``learner_layout.py``: divisors, and c of soft scales (0: linear).
+    """Return two rows (2, F) of scale values for the columns: divisors, and c of x / (|x| + c) (0: linear).
 
-    The first words of the unit decide. Raises KeyError for a unit without a scale.
+    The first words of a column's unit decide. Raises KeyError for a unit without a scale.
     """
     by, soft = np.ones((2, len(columns)), dtype=np.float32)
     soft[:] = 0.0

@@ -196,7 +196,7 @@ class Room:
     occupied: list[tuple[Rect, int]] = field(default_factory=list)  # pieces and their sides
 
     def place(self, rect: Rect, side: int) -> bool:
-        """Occupy a place at a side and return True, if it is clear and leaves a passage to the other side."""
+        """Occupy ``rect`` at a side and return True if it is clear and leaves a passage; otherwise return False."""
         across = 0 if side >= 2 else 1
         ahead = self.inner[across + 2] - self.inner[across] - (rect[across + 2] - rect[across])
         if ahead < self.passage or not self._is_clear(rect, side):

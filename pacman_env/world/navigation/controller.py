@@ -76,9 +76,9 @@ class Obstacles(NamedTuple):
 def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
     """Return the cost, m, of driving (v, w) from a pose for ``HORIZON_S``, or -1 if the arc is not admissible.
 
-    The cost sums by how much the clearance at ``_SAMPLES`` points of the arc is less than comfortable. A point inside
-    the inscribed radius, or inside Clyde's region, is only admissible if it is not worse than the robot's position,
-    which lets the robot get out.
+    The cost is the sum of the amounts by which the clearance is too small for comfort at ``_SAMPLES`` points of the
+    arc. A point inside the inscribed radius, or inside Clyde's region, is only admissible if it is not worse than the
+    robot's position, which lets the robot get out.
     """
     x, y, ch, sh = pose
     free_here, clyde_near, cx, cy = around
@@ -118,7 +118,7 @@ def limit(v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
-    """Return the fastest turn rate, rad/s, up to ``limit``, at which the robot can still stop facing a point.
+    """Return the fastest turn rate, rad/s, up to ``limit``, at which the robot can still stop when it faces a point.
 
     The point is ``forward`` and ``aside`` (to the left) of the robot, m.
     """

@@ -144,7 +144,7 @@ def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray
 
 
 def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Return the nearest non-negative number (H, W) of each cell (0 if there is none) and its distance in cells."""
+    """Return for each cell the nearest non-negative ``number`` (0: none) and its distance in cells, (H, W) each."""
     distance, label = cv2.distanceTransformWithLabels(
         (number < 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -226,8 +226,9 @@ def build_grid(
     pellets: PelletConfig,
     home: tuple[float, float, float] | None = None,
 ) -> DriveGrid:
-    """Compute the drivable grid around ``home``, x, y (m), heading (rad); None: (0, 0, 0) if the robot can stand there.
+    """Compute the drivable grid around ``home``, x, y (m), heading (rad).
 
+    If it is None, the robot starts at (0, 0, 0), or at the widest place of the largest part if it cannot stand there.
     Raises MapError if the map has no place for the robot, or if the given home pose is not drivable.
     """
     res = occupancy.resolution

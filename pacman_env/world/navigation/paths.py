@@ -111,7 +111,7 @@ class PathFields:
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
-        """Return ``length_cm`` and ``next_step`` (K,) of a goal cell, read-only; k + next_step[k] follows cell k."""
+        """Return ``length_cm`` and ``next_step`` (K,) to a goal cell, read-only; cell k leads to k + next_step[k]."""
         arrays = self._fields.get(goal)
         if arrays is None:
             count = len(self._at)
@@ -226,7 +226,7 @@ def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the length (S,) of each step (S, 2), columns and rows, in cells, float32."""
+    """Return the length (S,), cells, of each step by columns and rows (S, 2), as float32."""
     return np.hypot(steps[:, 0], steps[:, 1]).astype(np.float32)
 
 
@@ -272,7 +272,7 @@ def coarse_step(code):  # type: ignore[no-untyped-def]
 
 @kernel
 def tile_index(column, row, across):  # type: ignore[no-untyped-def]
-    """Return the index of a cell in the flat array of tiles, of which ``across`` are next to each other."""
+    """Return the index of a cell in the flat array of tiles; a row of the grid has ``across`` tiles."""
     return ((row >> 3) * across + (column >> 3) << 6) + ((row & 7) << 3) + (column & 7)
 
 

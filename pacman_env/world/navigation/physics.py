@@ -105,7 +105,7 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """Move a robot's body by one step under its force; return False, without any change, if it needs a space.
 
-    Robot ``i`` enters a free space of its map ``level`` near a wall and leaves it when the contact is forgotten.
+    Near a wall, robot ``i`` enters an unused space of its map ``level``; it leaves when the contact is forgotten.
     ``clear`` (H, W) is True for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
@@ -141,7 +141,7 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Let robot i enter a free space with the walls of a level; return False if there is none."""
+    """Let robot i enter an unused space with the walls of a level; return False if there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):
@@ -154,7 +154,7 @@ def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
-    """Copy the numbers of the body to a space, a row of the space table, and step it by ``seconds``."""
+    """Copy the body's numbers to its space, a row of the space table, and step the space by ``seconds``."""
     store_int(space[_GIVE_COUNT], 0)
     call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
     call_step(calls[_STEP], space[_HANDLE], seconds)
@@ -267,7 +267,7 @@ class _Space:
         return _address(self.space._space), give, give_count, take, take_count
 
     def _batched(self, fields: pymunk.batch.BodyFields, memory: NDArray[np.float64]) -> tuple[int, int]:
-        """Return the addresses of the data and the counter for pymunk's batched reading or writing of ``memory``."""
+        """Prepare a batch in which pymunk copies ``fields`` to or from ``memory``; return its address and counter's."""
         buffer = pymunk.batch.Buffer()
         buffer.set_float_buf(memory)
         data = ffi.new("pmBatchedData *")
