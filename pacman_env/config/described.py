@@ -28,8 +28,8 @@ def description_of(owner: Any, name: str) -> str:
 class Setting(NamedTuple):
     """A field of the configuration, described for a form."""
 
-    name: str  # dotted
-    value: Any  # the default
+    name: str  # dotted name
+    value: Any  # default value
     type: str  # "number", "integer", "bool", "choice" or "text"
     unit: str  # "" for a pure number, a name or a choice
     low: float | None  # limits of the range; None: no limit

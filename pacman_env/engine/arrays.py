@@ -24,7 +24,7 @@ class Array(NamedTuple):
     """
 
     dtype: Any
-    shape: str  # axes: a number; an upper-case name: equal length within the table; a lower-case name: any length
+    shape: str  # axes: numbers, upper-case names (same length within a table), lower-case names (any length)
 
 
 class Declared(NamedTuple):

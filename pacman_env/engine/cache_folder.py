@@ -17,7 +17,7 @@ from .._version import __version__
 from ..files import replaced, user_folder
 
 PACKAGE = Path(__file__).resolve().parents[1]
-_KEPT_S = 30 * 86400.0  # lifetime of unused code
+_KEPT_S = 30 * 86400.0  # code that was not used for this time is removed
 _KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # in addition to the package's top modules
 
 

@@ -36,7 +36,7 @@ class _CalleeCompiler(Compiler):
         return super().compile_extra(func)
 
     def define_pipelines(self) -> Any:
-        # Set late, because NumPy's functions are compiled again for callers with other flags.
+        # Not set earlier, because NumPy's functions are compiled again for callers with other flags.
         self.state.flags.no_compile = self.state.flags.no_cpython_wrapper = True
         return super().define_pipelines()
 

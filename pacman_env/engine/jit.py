@@ -20,7 +20,7 @@ from .native import operation
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Modules of plain functions.
+#: Modules whose plain functions are compiled when a kernel calls them.
 _RULES = ("pacman_env.game.", "pacman_env.rng")
 
 

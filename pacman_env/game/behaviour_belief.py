@@ -19,7 +19,7 @@ BELIEVED = tuple(_BELIEVED)
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
 PRIOR, _STANDS, _ARRIVED = zip(*_BELIEVED.values(), strict=True)
 COMES = 0.5  # probability above which a ghost counts as approaching the robot
-ANY_PLACE = -1  # all bits
+ANY_PLACE = -1  # all bits are set: every place is possible
 _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
 #: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0
 #: (towards), 0.0 to 0.02 (across) and 0.0 (away). But moves across come in series, while the ghost goes round an
@@ -27,7 +27,7 @@ _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, be
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place
-#: Likelihood of turning round for wander, chase, arcade far from the robot, other; and of not turning for other.
+#: Likelihood of turning round: wander, chase, arcade far from the robot, other. Likelihood of not turning: other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
 ARRIVED_M = 1.0
 

@@ -42,7 +42,7 @@ class Moment(NamedTuple):
     time_s: float
     pursued: int  # candidate or HOLD
     pellets: object  # anything that changes when a pellet is collected or a round starts
-    distance: float  # m, believed, to the nearest ghost
+    distance: float  # from the believed pose to the nearest ghost, m
 
 
 class LastDecision:

@@ -72,7 +72,7 @@ FEEDBACK: dict[str, Feedback] = {
         for ghost, colour in GHOST_COLOURS.items()
     },
 }
-#: By word.
+#: Lights by word.
 LIGHTS = {light.word: light for light in (*PLAIN_LIGHTS, *(answer.light for answer in FEEDBACK.values())) if light}
 SOUNDS = {answer.sound.word: answer.sound for answer in FEEDBACK.values() if answer.sound}
 

@@ -48,7 +48,7 @@ GHOST_FIELDS = [
     ("stream", np.uint64),
     ("wanders", np.bool_),  # draws a new target at the end of its path
     ("fled", np.bool_),  # was frightened at its last decision
-    ("gone", np.bool_),  # away at its last move, at its spawn place
+    ("gone", np.bool_),  # was away, at its spawn place, at its last move
     ("spawn_cell", np.int32),  # where it started
     ("place", np.int32),  # candidate to which it was sent, or -1
     # Belief about its behaviour, and the ghost's state when the belief was last updated (sim/core/beliefs.py).

@@ -19,7 +19,7 @@ class ScorerParameters(NamedTuple):
     risk_weight: float = 3.0  # w_g, per m below r_g
     direction_weight: float = 5.0  # w_d, in m
     emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
-    warning_radius_m: float = 3.0  # ... or within this one while it closes in
+    warning_radius_m: float = 3.0  # ... or within this distance while it approaches
     approach_speed_mps: float = 0.03  # smallest closing speed that counts
     replan_margin_m: float = 0.3  # a new goal must cost less by at least this
     threat_exit_margin_m: float = 0.0  # both radii grow by this while Clyde threatens

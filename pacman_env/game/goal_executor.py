@@ -175,7 +175,7 @@ class GoalExecutor:
         self._arrived_s = now
         return []
 
-    # What follows
+    # Consequences of these inputs
 
     def _drop_current(self) -> None:
         self.sent.current, self.round.record.pursued = None, NO_CHOICE

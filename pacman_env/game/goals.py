@@ -20,7 +20,7 @@ Position = tuple[float, float]  # m
 class Place:
     """A goal: a pellet with its id, a refuge, or home with its heading (rad)."""
 
-    candidate: int  # or ``HOME``
+    candidate: int  # number of the candidate, or ``HOME``
     x: float  # m
     y: float
     pellet: int | None = None

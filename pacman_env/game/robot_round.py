@@ -162,7 +162,7 @@ class RobotRound:
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
         self._aborts = np.zeros(len(self.waits), dtype=np.int64)
         self._collected: set[int] = set()
-        self.empty_s: float | None = None  # time since when no pellet in reach is shown
+        self.empty_s: float | None = None  # time of the first report without a pellet in reach
 
     @property
     def left(self) -> dict[int, Position]:
@@ -224,7 +224,7 @@ class RobotRound:
         """Apply an event of :func:`transition` at ``at``, m; return the action for the goal, and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
         times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
-        np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
+        np.minimum(times, now + longest_s, out=times)  # times are later only if the clock was set back
         caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
         for k, place in enumerate(ghosts):
             self.ghosts[k, :2] = place

@@ -36,9 +36,9 @@ SETTINGS = np.dtype(
         ("pellet_worth", np.float64),
         ("second_worth", np.float64),  # value of collecting a pellet a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # value of a full lead, in a node's safety ...
-        ("lead_share", np.float64),  # ... and the share of it in the value
-        ("lead_m", np.float64),  # path length of a full lead
+        ("lead_worth", np.float64),  # cost of no lead in a node's safety ...
+        ("lead_share", np.float64),  # ... and the share of this cost in its value
+        ("lead_m", np.float64),  # path length of a full lead, which costs nothing
         ("metre_worth", np.float64),  # cost of each metre to the nearest remaining pellet
         ("near_worth", np.float64),  # cost of a ghost at the robot, which falls to 0 at ``near_m``
         ("near_m", np.float64),

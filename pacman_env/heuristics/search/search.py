@@ -26,8 +26,8 @@ class SearchParameters(NamedTuple):
     """Parameters of the search, tuned by hand."""
 
     nodes: int = 12_500  # largest number of segments per decision
-    milliseconds: float = 0.0  # above 0: a time limit instead, with searches of increasing width
-    samples: int = 2  # futures of wandering ghosts, if there are other ghosts
+    milliseconds: float = 0.0  # if above 0: time limit for searches of increasing width, in place of ``nodes``
+    samples: int = 2  # number of random futures if a ghost is not predictable
     horizon_s: float = 48.0
     layer_s: float = 3.0
     segment_s: float = 3.0
@@ -36,9 +36,9 @@ class SearchParameters(NamedTuple):
     pellet_worth: float = 10.0
     second_worth: float = 0.1  # value of collecting a pellet a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 40.0  # value of a full lead, in a node's safety ...
-    lead_share: float = 0.125  # ... and the share of it in the value
-    lead_m: float = 3.0  # path length of a full lead
+    lead_worth: float = 40.0  # cost of no lead in a node's safety ...
+    lead_share: float = 0.125  # ... and the share of this cost in its value
+    lead_m: float = 3.0  # path length of a full lead, which costs nothing
     metre_worth: float = 0.5  # cost of each metre to the nearest remaining pellet
     near_worth: float = 12.0  # cost of a ghost at the robot, which falls to 0 at the straight distance ``near_m``
     near_m: float = 0.9

@@ -256,10 +256,7 @@ def between_all(
 
 @kernel
 def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
-    """Fill ``length`` (A, A), mm, with the lengths of the shortest paths, for ``_TARGETS`` targets at a time.
-
-    ``cost`` (E,), mm, are the lengths of the edges ``ends`` (E,) of :func:`joined_blocks`.
-    """
+    """Fill ``length`` (A, A), mm, with shortest path lengths; ``cost`` (E,), mm, are the lengths of edges ``ends``."""
     count = len(length)
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):

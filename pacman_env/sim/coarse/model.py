@@ -45,7 +45,7 @@ RULES = np.dtype(
 #: State of the robot and its pellets.
 ROBOT = [
     ("block", np.int32),
-    ("goal", np.int32),  # the current one, or NOWHERE
+    ("goal", np.int32),  # current goal, or NOWHERE
     ("then", np.int32),  # the goal that replaces it after ``then_s``, or UNCHANGED
     ("reached", np.bool_),  # reached a goal in this step
     ("then_s", np.float64),

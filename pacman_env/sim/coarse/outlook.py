@@ -209,7 +209,7 @@ def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
             r[WAYS_ON] = 1.0
             continue
         ways = _list_ways(way, model, a.goals)
-        for k in range(ways + 1):  # the last one stays
+        for k in range(ways + 1):  # in the last play the robot stays
             robots[2] = robots[1]
             copy_ghosts(moving, last)
             play(after, last, a.goals[k] if k < ways else np.int64(NOWHERE), way.time_s + _AFTER_S, model)

@@ -33,7 +33,7 @@ class ClydeCells:
     position: NDArray[np.float64]  # (K, 2) m
     graph: NDArray[np.int32]  # (K, 16) data of the path search, one cache line per cell: see the properties
     part: NDArray[np.int32]  # (K,) connected part, the largest is 0
-    part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
+    part_start: NDArray[np.int64]  # (parts + 1,) index of each part's first cell in part_cells
     part_cells: NDArray[np.int32]  # (K,) cells sorted by part
     longest: int  # upper bound of the number of cells of a path
 

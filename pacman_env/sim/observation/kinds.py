@@ -96,7 +96,7 @@ class _Described:
     simulated: bool = field(default=False, kw_only=True)  # shows the game itself, not only its situation
 
     def __call__(self) -> Self:
-        return self  # other packages register classes
+        return self  # called like the classes that other packages register
 
 
 @dataclass

@@ -33,7 +33,7 @@ REQUEST = np.dtype(
         ("games", np.int64),  # lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("goals", np.int64),  # largest number on any level
+        ("goals", np.int64),  # largest number of goals on any level
         ("robot_speed", np.float64),  # m/s
         *START_FIELDS,
     ]

@@ -58,7 +58,7 @@ class Situation:
     path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf if unreachable
     current: Annotated[NDArray[np.int64], "N"]  # current candidate, -1: none
     seed: Annotated[NDArray[np.uint64], "N"]  # seed of the round, for policies that draw random numbers
-    tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
+    tick: Annotated[NDArray[np.int64], "N"]  # number of this tick in the round, from 0
     pellets_left: Annotated[NDArray[np.int64], "N"]  # pellets on the map, including forbidden ones
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
     fright: Annotated[NDArray[np.float64], "N G 3"]  # FRIGHTENED_S, AWAY_S and HARMLESS of each ghost
@@ -166,7 +166,7 @@ def maps_of(situation: Situation) -> LevelSlots:
     return situation.maps
 
 
-MISSING = -1  # instead of a candidate's number, if there are fewer
+MISSING = -1  # in place of a candidate's number if there are too few candidates
 
 
 @dataclass(frozen=True)

@@ -105,7 +105,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.time_s[i] = g.tick * p.tick_s
         s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         s.closing_speed[i] = g.closing
-        if player >= 0:  # of this ghost: the rate at which the straight distance shrinks
+        if player >= 0:  # closing speed of this ghost: how fast the straight distance shrinks
             dx, dy = bx - s.clyde[i, 0], by - s.clyde[i, 1]
             v = s.robot_velocity[i, 0]
             ux, uy = s.clyde_velocity[i, 0] - v * math.cos(bh), s.clyde_velocity[i, 1] - v * math.sin(bh)

@@ -66,7 +66,7 @@ class Pose(NamedTuple):
 class Obstacles(NamedTuple):
     """Clearance at the robot's pose, and Clyde's position if he is near."""
 
-    free_cm: int  # clearance
+    free_cm: int  # clearance at the robot
     clyde_near: bool
     clyde_x: float  # m
     clyde_y: float

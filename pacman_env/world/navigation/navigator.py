@@ -31,7 +31,7 @@ NAVIGATOR_FIELDS = [
     *record_fields(np.int32, "nav_no_path_step nav_no_control_step"),  # step of the failure, -1: no failure
     *record_fields(np.float64, "nav_progress_x nav_progress_y"),
     *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # first step of being stuck, -1: not stuck
-    *record_fields(np.int32, "nav_wait_step"),  # recovering until this step
+    *record_fields(np.int32, "nav_wait_step"),  # step until which the robot recovers
     *record_fields(np.int32, "nav_result nav_result_goal"),  # result of the last goal that ended, until it is read
     *record_fields(np.int32, "nav_last nav_last_step"),  # the last result and its step
     *record_fields(np.int32, "nav_accept_steps"),

@@ -26,14 +26,14 @@ _STRAIGHT, _DIAGONAL, _KNIGHTS = 0x1111, 0x4444, 0xAAAA
 
 _START = 16  # instead of a direction: the path begins at this cell
 _SETTLED = 32  # added to a cell's direction when its cost is final
-_PAD = 2  # longest step
+_PAD = 2  # margin of the image: the longest step
 #: Steps that can be best on open floor for each direction of arrival, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # up to this, rounding errors of costs are smaller than the cost of a detour
 #: All data of a search for one cell of the padded image, stored together.
 _PLACE = np.dtype(
     [
-        ("cost", np.float32),  # so far
+        ("cost", np.float32),  # cost of the best path so far
         ("weight", np.float32),
         ("metres", np.float32),
         ("allowed", np.uint16),  # one bit per direction

@@ -32,7 +32,7 @@ _GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity, force for Chipmun
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the space table
 _EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, named below
 _CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
-_REMEMBERS = 5  # steps, more than Chipmunk keeps a contact (collision_persistence, 3)
+_REMEMBERS = 5  # steps in a space after a contact, more than Chipmunk keeps it (collision_persistence, 3)
 _FAR_M = 1e6
 _NONE = _FREE = -1  # instead of the number of a space or a robot
 _PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
@@ -267,7 +267,7 @@ class _Space:
         return _address(self.space._space), give, give_count, take, take_count
 
     def _batched(self, fields: pymunk.batch.BodyFields, memory: NDArray[np.float64]) -> tuple[int, int]:
-        """Prepare a batch in which pymunk copies ``fields`` to or from ``memory``; return its address and counter's."""
+        """Let a pymunk batch copy ``fields`` to or from ``memory``; return the addresses of its data and counter."""
         buffer = pymunk.batch.Buffer()
         buffer.set_float_buf(memory)
         data = ffi.new("pmBatchedData *")

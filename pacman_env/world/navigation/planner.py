@@ -19,7 +19,7 @@ from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next one plus the controller's look-ahead
+_PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next plan, and the controller's look-ahead
 _ON_PATH = 0.15  # largest distance in m from the path at which the rest of a plan is kept
 _DETOUR_AHEAD_CM = 200  # a ghost farther along the path has moved before the robot gets there
 _SEARCH_M2 = 20.0  # largest area to search for a detour
@@ -35,8 +35,8 @@ class Fields(NamedTuple):
     snap: Any  # (H, W) number of the nearest drivable cell
     steps: Any  # (K,) uint8, one bit per drivable neighbour
     cell_xy: Any  # (K, 2) m
-    length_cm: Any  # (K, M)
-    next_step: Any  # (M, K)
+    length_cm: Any  # (K, M) path length from each cell to each goal
+    next_step: Any  # (M, K) next cell towards each goal, as a difference of cell numbers
     goal_xy: Any  # (M, 2) m
 
 
