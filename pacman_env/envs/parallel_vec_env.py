@@ -192,7 +192,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @shared
     def action_masks(self) -> Any:
-        """Return the masks of allowed actions: bool (N, A, C), or with velocities (N, C) by ghost name.
+        """Return the masks of allowed actions: bool (N, A, C), or with velocity actions a dict of (N, C) by ghost.
 
         Raises ResetNeeded before the first reset.
         """

@@ -83,7 +83,7 @@ def comes(belief):  # type: ignore[no-untyped-def]
 
 
 def taken_for(belief):  # type: ignore[no-untyped-def]
-    """Return the index in ``BELIEVED`` of the assumed behaviour: wandering unless the ghost approaches the robot."""
+    """Return the index in ``BELIEVED`` of the behaviour assumed for ``belief`` (4,): wandering unless it comes near."""
     if not comes(belief):
         return WANDERS
     return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE

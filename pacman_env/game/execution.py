@@ -2,7 +2,7 @@
 
 One function of plain numbers, :func:`transition`, applies an event to a record. The simulator compiles it and loops
 over its games; the robot's goal selector applies it to one record. Record and rules use the same unit of time: physics
-steps in the simulator, seconds on the robot.
+steps in the simulator, seconds on the robot. Private functions take its arguments.
 """
 
 from collections.abc import Callable
@@ -74,7 +74,7 @@ def within(dx, dy, radius):  # type: ignore[no-untyped-def]
 
 
 def closing_speed(distance_before, distance_now, period):  # type: ignore[no-untyped-def]
-    """Return (d(t - dt) - d(t)) / dt in m/s, positive while the distance shrinks (Milestone 3, Algorithm 3)."""
+    """Return the decrease of a distance, m, per second of ``period``, s, in m/s (Milestone 3, Algorithm 3)."""
     return (distance_before - distance_now) / period
 
 

@@ -119,7 +119,10 @@ def chase(view, parameters):  # type: ignore[no-untyped-def]
 
 
 def arcade(view, parameters):  # type: ignore[no-untyped-def]
-    """Return the target (x, y), m, of the arcade's Clyde: the robot, or its corner if within ``parameters[0]``."""
+    """Return the target (x, y), m, of the arcade's Clyde: the robot, or the ghost's own corner near the robot.
+
+    Near means within ``parameters[0]`` m.
+    """
     dx, dy = view.robot_x - view.x, view.robot_y - view.y
     if dx * dx + dy * dy > parameters[0] * parameters[0]:
         return view.robot_x, view.robot_y

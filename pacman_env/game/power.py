@@ -59,7 +59,7 @@ def is_frightened(ghost, now):  # type: ignore[no-untyped-def]
 
 
 def frighten(ghosts, until, now):  # type: ignore[no-untyped-def]
-    """Frighten the ghosts (G, 5) that are not away, again from the beginning if they are frightened already."""
+    """Frighten the ghosts (G, 5) that are not away, up to the time ``until``, even if they are frightened already."""
     for k in range(len(ghosts)):
         if not is_away(ghosts[k], now):
             ghosts[k, HARMLESS_UNTIL] = until

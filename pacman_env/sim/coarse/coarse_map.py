@@ -1,6 +1,7 @@
 """Blocks of 0.2 m of a map, with the robot's paths to all goals and the ghosts' paths between all blocks.
 
 A block consists of the cells of one square that are connected inside it. Its place is the cell nearest to their mean.
+In kernels ``start`` and ``ends`` are the results of :func:`joined_blocks`, and ``cost`` (E,) are these steps' lengths.
 """
 
 import math
@@ -256,7 +257,7 @@ def between_all(
 
 @kernel
 def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
-    """Fill ``length`` (A, A), mm, with shortest path lengths; ``cost`` (E,), mm, are the lengths of edges ``ends``."""
+    """Fill ``length`` (A, A), mm, with the lengths of the shortest paths; ``cost`` (E,) is in mm."""
     count = len(length)
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
@@ -299,7 +300,7 @@ def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lower(own, via, cost):  # type: ignore[no-untyped-def]
-    """Lower the lengths ``own`` (_TARGETS,) of a block to ``via`` + ``cost``; return True if one was lowered."""
+    """Lower the lengths ``own`` (_TARGETS,) of a block to a neighbour's ``via`` + ``cost``; True if one changed."""
     lowered = np.int32(0)
     for k in range(_TARGETS):
         new = np.int32(via[k] + cost)

@@ -2,7 +2,7 @@
 
 At every step each ghost decides with the function of its behaviour (``game/ghosts.py``). A wandering ghost draws its
 targets from its own random stream. In all kernels ``robot`` is a record of ``ROBOT``, ``ghost`` a record of ``GHOST``,
-``m`` are ``CoarseArrays``, and ``p`` is a record of ``RULES``.
+``model`` is a ``Model``, ``m`` are ``CoarseArrays``, and ``p`` is a record of ``RULES``.
 """
 
 import math
@@ -90,7 +90,7 @@ class Lags(NamedTuple):
 
 
 def rules(config: Config, lags: Lags) -> NDArray[Any]:
-    """Return a record (1,) of type RULES."""
+    """Return the constants of the model, a record (1,) of type RULES."""
     record = np.zeros(1, dtype=RULES)
     record["speed"] = lags.speed_share * config.robot.speed_mps
     for (name, _), value in zip(START_FIELDS, start_values(config), strict=True):

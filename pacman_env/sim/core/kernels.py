@@ -106,8 +106,8 @@ def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, use_tf):  # type: ignore[no-untyped-def]
     """Place the ghosts of the games ``index`` (M,) on random spawn cells.
 
-    ``ghosts`` (N, G), ``paths`` (N, G, L) and ``obstacles`` (N, G, 5) belong to all games; ``wander_first`` is a mask
-    (G,).
+    ``ghosts`` (N, G), ``paths`` (N, G, L) and ``obstacles`` (N, G, 5) belong to all games. ``wander_first`` is a mask
+    (G,), and ``levels`` (L,) are the addresses of the levels by slot.
     """
     for i in index:
         g = games[i]
@@ -188,7 +188,7 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
     """Run one controller step, which sets the force on the body for the next physics step.
 
-    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``clearance`` (H, W) is in cm.
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, ``affine`` (6,) maps m to cells, and ``clearance`` (H, W) is in cm.
     """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)

@@ -40,8 +40,8 @@ _CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
 class GhostTargets(NamedTuple):
     """Target cells for ghosts, in the ghosts' connected part that overlaps the robot's area."""
 
-    snap: NDArray[np.int32]  # (H, W) nearest cell of each drive-grid cell
-    place: NDArray[np.int32]  # (G,) cell nearest to each goal, -1: too far away
+    snap: NDArray[np.int32]  # (H, W) nearest ghost cell of each drive-grid cell
+    place: NDArray[np.int32]  # (G,) ghost cell nearest to each goal, -1: too far away
 
 
 @dataclass(frozen=True, eq=False)

@@ -241,7 +241,8 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
     """Fill ``path`` (L,) with the cells of a shortest path (A*), return their number (0: no path, or more than L).
 
-    ``node`` is int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
+    ``graph`` is ``ClydeCells.graph``, and ``node`` and ``queue`` are the results of :func:`search_memory`. ``node`` is
+    int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
     """
     search = clear(queue)
     if search == 1:  # the counter has wrapped: erase old numbers

@@ -21,7 +21,7 @@ class LevelSlots:
     """
 
     def __init__(self, slots: int, sizes: LevelFacts, config: Config) -> None:
-        """Create empty slots; ``sizes`` are upper bounds for all levels, for scratch memory."""
+        """Create empty slots; ``sizes`` are upper bounds for all levels, by which kernels get scratch memory."""
         self.sizes, self.config = sizes, config
         self.addresses = np.zeros(slots, dtype=np.int64)
         self.numbers = np.full(slots, -1, dtype=np.int64)

@@ -1,7 +1,9 @@
 """Predict for the next seconds how near ghosts may come to the robot's path to each candidate.
 
 The paths of a ghost are the shortest ones from its position to the map's goals, weighted by its last motion; from a
-goal it continues to another. The path of the robot leads to a candidate, including the first turn, and ends there.
+goal it continues to another. The path of the robot leads to a candidate, including the first turn, and ends there. In
+the kernels ``steps`` are a map's coarse steps with ``across`` tiles in a row, ``walkers`` are ``_Walkers``, ``affine``
+(6,) maps m to cells, and ``room`` is the result of :func:`room_to_meet`.
 """
 
 import math
@@ -103,8 +105,8 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
     """Simulate ``count`` walkers on shortest paths to goals, and write their place in cells at every instant.
 
     ``out_x`` and ``out_y`` are blocks of ``_BLOCK`` float32: walker ``w`` is number ``w % WIDTH`` of block ``w //
-    WIDTH``. ``steps`` are the map's coarse steps with ``across`` tiles in a row, ``walkers`` are ``_Walkers``, and
-    ``stretch`` is cells per instant. With ``goals`` above 1, a walker that has arrived continues to another goal.
+    WIDTH``. Each walker walks ``stretch`` cells per instant. With ``goals`` above 1, a walker that has arrived
+    continues to another goal.
 
     Walkers take coarse steps in turn, which hides the latency of memory. Instants beyond a coarse step are written too,
     and overwritten later, which avoids a branch.

@@ -256,7 +256,7 @@ def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
 
 @kernel
 def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
-    """Return cosine and sine of a direction in the robot's frame, and the distance (at distance 0: ahead)."""
+    """Return cosine and sine of the bearing of (dx, dy), m, from a heading (cos, sin), and the distance (0: ahead)."""
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < 1e-9:
         return 1.0, 0.0, 0.0

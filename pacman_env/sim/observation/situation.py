@@ -182,9 +182,10 @@ class NearestCounts:
 
 
 def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[np.int64]:
-    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length, or ``MISSING``.
+    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length.
 
-    Equally near ones are sorted by number. The current candidate is always listed, if necessary as last of its kind.
+    Equally near candidates are sorted by number. The current candidate is always listed, if necessary as the last of
+    its kind. Places without a candidate are ``MISSING``.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(

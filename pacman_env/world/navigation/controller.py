@@ -2,7 +2,8 @@
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
 Clyde. Kernels work on one game's record ``g`` and its plan ``path`` (PATH_POINTS, 2), m. ``p`` is a record of
-``PARAMETERS``, v and w are m/s and rad/s, and ``clearance`` (H, W) is in cm.
+``PARAMETERS``, v and w are m/s and rad/s, ``pose`` is a ``Pose``, ``around`` are ``Obstacles``, ``affine`` (6,) maps m
+to cells, and ``clearance`` (H, W) is in cm.
 """
 
 import math

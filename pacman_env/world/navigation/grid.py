@@ -299,7 +299,7 @@ def build_grid(
 
 @kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Return column and row of a world position in m, clipped to the grid; ``affine`` (6,) maps m to cells."""
+    """Return column and row of (x, y), m, clipped to a grid of this shape; ``affine`` (6,) maps m to cells."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

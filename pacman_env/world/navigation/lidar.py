@@ -1,6 +1,7 @@
 """Simulate the robot's lidar: ranges to the first cell of the drive grid that is not free, with sensor noise.
 
-The lidar only sees the map; nothing that moves stops a ray.
+The lidar only sees the map; nothing that moves stops a ray. In the kernels (x, y) is the robot's position and (ux, uy)
+the direction of a ray, in cells; ``clearance_cm`` (H, W) is 0 if not free.
 """
 
 import math

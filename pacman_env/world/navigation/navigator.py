@@ -1,7 +1,8 @@
 """Simulated Nav2: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
 Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller. ``p``
-is a record of ``PARAMETERS``, and ``step`` a physics step.
+is a record of ``PARAMETERS``, ``step`` a physics step, and (bx, by) the believed position, m. ``affine`` (6,) maps m to
+cells, and ``clearance`` (H, W) is in cm.
 """
 
 import numpy as np
@@ -105,7 +106,10 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """If they are due, start the accepted goal and write a new plan to ``paths[i]``; ``obstacles`` are (G, 5)."""
+    """If they are due, start the accepted goal and write a new plan to ``paths[i]``; ``obstacles`` are (G, 5).
+
+    ``goal_xy`` and ``nav`` are the arrays of ``planner.Fields``, ``search`` is the planner's memory.
+    """
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):

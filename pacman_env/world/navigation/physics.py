@@ -4,7 +4,7 @@ No other module uses pymunk. Robots only touch walls. If a robot cannot reach a 
 lines of arithmetic, which :func:`move` does itself with the same bits. Near a wall the robot is in its own space with
 all walls of its map, and stays there until the solver has forgotten the contact. Bodies are driven by forces, never by
 setting velocities: Chipmunk integrates positions first, and overwriting the solver's velocity would push a body into
-the wall that it touches.
+the wall that it touches. ``affine`` (6,) maps m to cells, and ``calls`` (4,) are addresses of Chipmunk's functions.
 """
 
 import atexit

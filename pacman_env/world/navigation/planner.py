@@ -4,7 +4,7 @@ The planner follows the static path fields at NavFn's rate, and searches a detou
 the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5). The
 columns are x, y (m), the distance to keep, which the planner fills in (0: ignored), and the step until which it is no
 obstacle; the planner does not use the last column. ``fields`` are :class:`Fields`, ``p`` is a record of ``PARAMETERS``,
-and (bx, by) the believed position, m.
+``search`` is the result of :func:`detour_memory`, and (bx, by) the believed position, m.
 """
 
 import math
