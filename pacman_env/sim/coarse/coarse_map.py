@@ -1,7 +1,7 @@
 """Blocks of 0.2 m of a map, with the robot's paths to all goals and the ghosts' paths between all blocks.
 
 A block consists of the cells of one square that are connected inside it. Its place is the cell nearest to their mean.
-In kernels ``start`` and ``ends`` are the results of :func:`joined_blocks`, and ``cost`` (E,) are these steps' lengths.
+In kernels ``start`` and ``ends`` are the results of :func:`joined_blocks`; ``cost`` (E,) is the way to each end, mm.
 """
 
 import math
