@@ -16,14 +16,14 @@ from typing import Any
 
 
 def shipped(in_package: str, in_checkout: str) -> Path:
-    """Return a folder of shipped data: in the installed package, or at the top of a checkout."""
+    """Return a folder of shipped data: ``in_package`` in the installed package, or ``in_checkout`` in a checkout."""
     package = Path(__file__).parent
     installed = package / in_package
     return installed if installed.is_dir() else package.parent / in_checkout
 
 
 def install_command(extra: str) -> str:
-    """Return the command that installs the extra ``extra``: from the checkout if the package lies in one."""
+    """Return the command that installs the optional dependencies ``extra``, from the checkout if there is one."""
     checkout = Path(__file__).resolve().parents[1]
     if (checkout / "pyproject.toml").is_file():
         return f"cd {shlex.quote(str(checkout))} && pip install -e '.[{extra}]'"
@@ -31,9 +31,9 @@ def install_command(extra: str) -> str:
 
 
 def user_folder(kind: str) -> Path:
-    """Return the user's existing folder of a kind ("cache", "log", "state"), or a temporary one if there is no home.
+    """Return the user's folder of a kind ("cache", "log" or "state"), and create it if it does not exist.
 
-    Raises OSError if neither can be created.
+    If this is impossible, return a temporary folder. Raises OSError if that cannot be created either.
     """
     import platformdirs  # imported here because every command imports this module
 
@@ -50,9 +50,9 @@ def user_folder(kind: str) -> Path:
 
 @functools.cache
 def temporary_folder() -> Path:
-    """Return this user's folder for temporary files, with a warning.
+    """Return this user's folder for temporary files; create it if necessary, and warn that there is no home folder.
 
-    Raises PermissionError if another user may have created it, because Numba unpickles cache files.
+    Raises PermissionError if others own it or can write to it, because Numba unpickles cache files.
     """
     folder = Path(tempfile.gettempdir()) / f"pacman_env-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -67,7 +67,7 @@ def temporary_folder() -> Path:
 def commit() -> str:
     """Return the commit of these sources, with "+" if files have changed; "unknown" outside a checkout.
 
-    The repository must track this very package: an installed package may lie inside another project's checkout.
+    The repository must track this file, because an installed package may lie inside another project's checkout.
     """
     import subprocess  # every command imports this module, few ask for the commit
 
@@ -87,11 +87,14 @@ def commit() -> str:
 
 def displayable(name: str) -> str:
     """Return a file name as valid text: bytes that are not UTF-8 become U+FFFD."""
-    return re.sub("[\ud800-\udfff]", "\ufffd", name)  # Python's replacements of these bytes
+    return re.sub("[\ud800-\udfff]", "\ufffd", name)  # Python decodes such bytes as lone surrogates
 
 
 def prepare(path: Path) -> Path:
-    """Create the folder of a file that is written later; raises ValueError early if that will not be possible."""
+    """Create the folder of ``path``, a file that will be written later, and return ``path``.
+
+    Raises ValueError if the file cannot be written there. Devices, pipes and sockets are not checked.
+    """
     if _is_special(path):
         return path
     folder = path.resolve().parent
@@ -108,9 +111,10 @@ def prepare(path: Path) -> Path:
 
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a temporary file next to ``path``, with its suffix, that replaces it if the block succeeds.
+    """Yield the path of a temporary file next to ``path``, with the same suffix, to be written in the block.
 
-    For a symbolic link the target is replaced. A device or a pipe is written directly.
+    After the block it replaces ``path``; if the block raises an error, it is deleted. If ``path`` is a symbolic link,
+    the target is replaced. For a device or a pipe, yield ``path`` itself.
     """
     if _is_special(path):  # such as /dev/null, which root could replace with a file
         yield path
@@ -126,17 +130,17 @@ def replaced(path: Path) -> Iterator[Path]:
 
 
 def reason(error: OSError) -> str:
-    """Format an OSError as ``PATH: REASON``; return the text of our own errors unchanged."""
+    """Format an OSError as ``PATH: REASON``; if it was raised with a text only, return the text."""
     if error.strerror is None:
         return str(error)
-    if error.errno == errno.ENOENT and error.filename is None:  # of getcwd
+    if error.errno == errno.ENOENT and error.filename is None:  # raised by os.getcwd
         return "the current folder was deleted: change to another folder"
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
 
 
 @contextlib.contextmanager
 def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Make errors name ``path`` if they name no file (full disk) or only the temporary one."""
+    """Let an OSError of the block name ``path`` if it names no file (full disk) or only the temporary file."""
     try:
         yield
     except BrokenPipeError:

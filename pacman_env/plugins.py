@@ -33,7 +33,10 @@ def nearest_names(name: str, known: Iterable[str]) -> list[str]:
 
 
 def suggest(name: str, known: Iterable[str], others: str = "") -> str:
-    """Return the end of an error about an unknown name: the nearest of ``known``, or all if none is similar."""
+    """Return the end of an error message about an unknown name: the most similar names of ``known``.
+
+    If no name is similar, return all of ``known`` and the text ``others`` about alternatives to a name.
+    """
     names = list(known)
     if near := nearest_names(name, names):
         return f"did you mean {' or '.join(near)}?"
@@ -46,11 +49,12 @@ class Registry(Generic[T]):
     def __init__(self, sort: str, group: str, own: Mapping[str, T | str], others: str = "module:name") -> None:
         """Start with the built-in objects ``own``: objects, or references ``module:attribute`` loaded on first use.
 
-        ``group`` is the group of entry points. Error texts use ``sort`` and ``others`` (alternatives to a name).
+        ``group`` is the group of entry points. Error messages contain ``sort``, the word for such an object, and
+        ``others``, the alternatives to a name.
         """
         self.sort, self.group = sort, group
         self._own, self._others = dict(own), others
-        self._hidden: set[str] = set()  # names of reported entry points
+        self._hidden: set[str] = set()  # entry points with a name in use, after the warning
 
     def register(self, name: str, thing: T) -> None:
         """Add an object in this process; raises ValueError if the name is in use."""
@@ -59,11 +63,11 @@ class Registry(Generic[T]):
         self._own[name] = thing
 
     def names(self) -> list[str]:
-        """Return all names: the built-in names, then the names from installed packages."""
+        """Return all names: built-in and registered names first, then the names from installed packages."""
         return [*self._own, *sorted(self._entry_points().keys() - self._own.keys())]
 
     def module_of(self, name: str) -> str | None:
-        """Return the module that defines or loads the object with this name."""
+        """Return the name of the module that defines or loads the object with this name; None if it is not known."""
         own = self._own.get(name, name)
         if not isinstance(own, str):
             return getattr(own, "__module__", None)
@@ -117,7 +121,7 @@ def _entry_points(group: str) -> Mapping[str, EntryPoint]:
 
 @functools.cache  # reading the metadata of all installed packages is slow
 def _entry_points_on(path: tuple[str, ...]) -> Mapping[str, Mapping[str, EntryPoint]]:
-    """Return all entry points by group and name; the first on the path if several have one name."""
+    """Return all entry points by group and name; of several with the same name, the first one on the path."""
     from importlib import metadata  # imported here because importing the package does not need it
 
     groups: dict[str, dict[str, EntryPoint]] = {}

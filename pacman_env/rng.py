@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 CLYDE, LOCALIZATION, NAVIGATION, POLICY, LEVEL, RANDOMIZE, LIDAR, ROUND, ODOMETRY = range(1, 10)
-GHOSTS = 16  # first of the numbers of the ghosts other than Clyde
+GHOSTS = 16  # purpose number of the first ghost after Clyde; the other ghosts have the next numbers
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _M1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -18,7 +18,7 @@ _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 
 
 def mix(z):  # type: ignore[no-untyped-def]
-    """Return SplitMix64's finalizer of ``z``, uint64 to uint64."""
+    """Return a uint64 hash of ``z`` (uint64): SplitMix64's finalizer."""
     z = (z ^ (z >> _S30)) * _M1
     z = (z ^ (z >> _S27)) * _M2
     return z ^ (z >> _S31)
@@ -30,13 +30,13 @@ def stream(seed, purpose):  # type: ignore[no-untyped-def]
 
 
 def uniform(state):  # type: ignore[no-untyped-def]
-    """Return the next state and a float64 in [0, 1)."""
+    """Return the next state and a float64 drawn uniformly from [0, 1)."""
     state = np.uint64(state) + _GAMMA
     return state, float(mix(state) >> _S11) * (1.0 / 9007199254740992.0)
 
 
 def below(state, bound):  # type: ignore[no-untyped-def]
-    """Return the next state and an integer in [0, bound)."""
+    """Return the next state and an integer drawn uniformly from [0, bound)."""
     state, u = uniform(state)
     return state, min(int(u * bound), bound - 1)
 

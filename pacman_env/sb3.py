@@ -21,7 +21,7 @@ from .sim.observation.robot_features import Observation
 __all__ = ["PacManBotVecEnv"]
 
 _FINAL = ("final_obs", "final_info")
-_METHODS = ("action_masks", "render")  # methods that a single environment has too
+_METHODS = ("action_masks", "render")  # methods that a single environment also has
 _SPACES = {"observation_space": "single_observation_space", "action_space": "single_action_space"}
 
 
@@ -118,7 +118,11 @@ class PacManBotVecEnv(Guarded, VecEnv):
     def _end_episodes(
         self, ended: list[int], rows: list[dict[str, Any]], infos: dict[str, Any], cut: NDArray[np.bool_]
     ) -> None:
-        """Replace the first info of the next round by the last info of the ended round, and reset the sums."""
+        """Put the last info of each game in ``ended`` in place of its new round's first info, and reset its sums.
+
+        ``rows`` are the infos of all games, ``infos`` the infos of the vector environment, and ``cut`` (N,) the
+        truncations. The first infos are stored in ``reset_infos``.
+        """
         final = _rows(infos["final_info"], **{"TimeLimit.truncated": cut})
         elapsed = round(time.time() - self._start, 6)
         for i in ended:
@@ -144,7 +148,7 @@ class PacManBotVecEnv(Guarded, VecEnv):
         return self._of_games("render")
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """Return an attribute as each single environment has it; raises AttributeError for an unknown name."""
+        """Return the values that an attribute would have in single environments; raises AttributeError if unknown."""
         chosen = self._indices(indices)
         if attr_name in _METHODS:
             getattr(self.env, attr_name)  # velocity actions have no masks
@@ -187,7 +191,10 @@ class PacManBotVecEnv(Guarded, VecEnv):
 
 
 def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:
-    """Convert Gymnasium's arrays to one dict of Python numbers per game, without masks (``_key``) and final values."""
+    """Convert Gymnasium's info arrays, and ``more`` arrays by name, to one dict of Python numbers per game.
+
+    Masks (``_key``) and final values are left out.
+    """
     columns = {key: value for key, value in infos.items() if key[0] != "_" and key not in _FINAL} | more
     names = tuple(columns)
     values = [list(v) if v.ndim > 1 else v.tolist() for v in columns.values()]

@@ -95,7 +95,7 @@ class Config(sections.Groups):
         return max(self.robot.speed_mps, (self.randomize.speed_mps or (0.0, 0.0))[1])
 
     def with_fields(self, **changes: Any) -> Self:
-        """Return a copy with fields replaced by dotted names, ``with_fields(**{"clyde.speed_mps": 0.35})``.
+        """Return a copy with changed fields, given by dotted names: ``with_fields(**{"clyde.speed_mps": 0.35})``.
 
         Raises ConfigError for an unknown name or a value out of range.
         """
@@ -125,7 +125,7 @@ class Config(sections.Groups):
         return operator.attrgetter(name)(self)
 
     def as_settings(self) -> dict[str, Any]:
-        """Return all fields by dotted name, in the form of ``settings``."""
+        """Return all fields by dotted name, like the argument ``settings`` of an environment."""
         groups = {name.rpartition(".")[0] for name in FIELDS}
         return {name: self.value(name) for name in FIELDS if name not in groups}
 
@@ -135,7 +135,7 @@ class Config(sections.Groups):
 
     @property
     def hash(self) -> str:
-        """Return 12 hexadecimal digits that identify the configuration: equal fields, equal hash."""
+        """Return 12 hexadecimal digits that identify the configuration; equal fields give equal digits."""
         text = json.dumps(self.as_dict(), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:12]
 
@@ -148,7 +148,7 @@ for _group, _kind in kinds(Config).items():
 
 
 def kind_of(name: str) -> Any:
-    """Return the type of a field, or the class of a group; raises ConfigError, with the nearest names, if unknown."""
+    """Return the type of a field, or the class of a group; an unknown name raises ConfigError with similar names."""
     if name in FIELDS:
         return FIELDS[name]
     close = nearest_names(name, FIELDS)
@@ -158,7 +158,7 @@ def kind_of(name: str) -> Any:
 
 
 def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[Any, Any]]:
-    """Return the fields that differ between two results of ``as_dict``, with both values (None: no such field)."""
+    """Return the fields that differ between two results of ``as_dict``, each with its two values (None: missing)."""
     pairs: dict[str, tuple[Any, Any]] = {}
     for name in sorted({*a, *b}):
         one, other = a.get(name), b.get(name)
@@ -169,7 +169,7 @@ def differences(a: Mapping[str, Any], b: Mapping[str, Any]) -> dict[str, tuple[A
     return pairs
 
 
-#: The controller turns and starts as fast as the base; the costmaps are the experiment's.
+#: A controller that turns and starts as fast as the base can, and the costmaps of the experiment.
 _QUICK = {"nav2.controller": "pure_pursuit", "nav2.inflation_radius_m": 0.22, "nav2.inflation_scale": 2.0}
 PRESETS: dict[str, dict[str, Any]] = {
     # The defaults, the real robot: measured speed, AMCL's cadence and error, Nav2's delays, a controller like Nav2's.
@@ -196,9 +196,10 @@ register_preset = _ALL_PRESETS.register
 
 
 def make_config(preset: str = "robot", execution: str | None = None, **changes: Any) -> Config:
-    """Return the configuration of a preset, an execution and single fields given by dotted name.
+    """Return the configuration of a preset with ``changes`` of single fields, by dotted name.
 
-    Raises ConfigError for an unknown preset, execution or field, or a value out of range.
+    ``execution`` is a value of ``execution.rules`` (None: unchanged). Raises ConfigError for an unknown preset,
+    execution or field, or a value out of range.
     """
     try:
         fields = _ALL_PRESETS.find(preset) if isinstance(preset, str) else None

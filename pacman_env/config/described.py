@@ -15,12 +15,12 @@ _SIMPLE = {float: "number", int: "integer", bool: "bool", str: "text"}
 
 
 def unit_of(name: str) -> str:
-    """Return the unit from the suffix of a field's name; "" for a pure number, a name or a choice."""
+    """Return the unit that the suffix of a field's name means; "" if there is none."""
     return next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
 
 
 def description_of(owner: Any, name: str) -> str:
-    """Return the description of a field of a section; "" if it has none."""
+    """Return the description of a field of a section; "" if it has none. Raises ValueError for an unknown name."""
     (field,) = (one for one in dataclasses.fields(owner) if one.name == name)
     return str(field.metadata.get("description", ""))
 
@@ -28,11 +28,11 @@ def description_of(owner: Any, name: str) -> str:
 class Setting(NamedTuple):
     """A field of the configuration, described for a form."""
 
-    name: str  # dotted
-    value: Any  # the default
+    name: str  # dotted name
+    value: Any  # default value
     type: str  # "number", "integer", "bool", "choice" or "text"
     unit: str  # "" for a pure number, a name or a choice
-    low: float | None  # range of the field's annotation
+    low: float | None  # limits of the range; None: no limit
     high: float | None
     options: tuple[str, ...]  # allowed values of a choice
     words: str  # its description
@@ -40,7 +40,7 @@ class Setting(NamedTuple):
 
 @functools.cache
 def settings() -> tuple[Setting, ...]:
-    """Return all fields with a single plain value, in the order of the source."""
+    """Return the fields whose value is one number, truth value, text or choice, in the order of the source."""
     default = Config()
     fields = []
     for name, kind in FIELDS.items():

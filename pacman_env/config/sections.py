@@ -244,7 +244,7 @@ EXECUTIONS: dict[str, dict[str, object]] = {
         "execution.min_dwell_s": 0.0,
     },
 }
-#: The defaults are the corrected rules.
+#: The corrected rules, which are the defaults.
 EXECUTIONS["robust"] = {
     name: getattr(ExecutionConfig(), name.removeprefix("execution.")) for name in EXECUTIONS["as_built"]
 }

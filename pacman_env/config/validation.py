@@ -31,7 +31,7 @@ class ConfigError(ValueError):
 
 
 def require(condition: bool, field_name: str, value: object, rule: str) -> None:
-    """Raise a ConfigError unless the condition holds."""
+    """Raise a ConfigError with field, value and ``rule`` unless the condition holds."""
     if not condition:
         shown = str(value) if isinstance(value, Path) else value
         raise ConfigError(f"{field_name} = {shown!r:.600}: {rule}")
@@ -43,7 +43,7 @@ def located(
     raised: type[Exception] = ConfigError,
     caught: type[Exception] | tuple[type[Exception], ...] = ConfigError,
 ) -> Iterator[None]:
-    """Raise errors of the block as another class, with their place in front of the message."""
+    """Raise errors ``caught`` in the block as ``raised``, with ``place`` in front of the message."""
     try:
         yield
     except caught as error:
@@ -55,9 +55,10 @@ kinds: Callable[[Any], dict[str, Any]] = functools.cache(functools.partial(typin
 
 
 def convert(value: object, kind: Any, name: str = "", *, strict: bool = True) -> Any:
-    """Convert ``value`` to ``kind``: lists become tuples, whole numbers floats, NumPy numbers Python numbers.
+    """Convert ``value`` to the type ``kind`` and check its range; raises ConfigError, with ``name`` in the message.
 
-    ``kind`` may have a range (``msgspec.Meta``); text becomes a number only if not ``strict``. Raises ConfigError.
+    If the type requires it, a list becomes a tuple and a whole number becomes a float. A NumPy number becomes a Python
+    number. Text becomes a number only if not ``strict``. ``kind`` may contain a range (``msgspec.Meta``).
     """
     try:
         return msgspec.convert(
@@ -73,7 +74,7 @@ def setting(default: Any, description: str) -> Any:
 
 
 class Checked:
-    """Base class of dataclasses whose values are checked against their annotations; ``group`` is for messages."""
+    """Base class of dataclasses whose values are checked against their annotations; messages contain ``group``."""
 
     _prefix = ""
 
@@ -94,7 +95,10 @@ class Checked:
 
 
 def _plain(value: Any, *, numbers: bool = False) -> Any:
-    """Convert NumPy values and sequences to Python's, and with ``numbers`` Python's number literals to JSON's."""
+    """Convert NumPy values to Python values, and lists and tuples to lists.
+
+    With ``numbers``, also rewrite a text such as ".3" or "1_000" as "0.3" or "1000", which msgspec can read.
+    """
     if isinstance(value, (list, tuple)):
         return [_plain(one, numbers=numbers) for one in value]
     if isinstance(value, str) and numbers:
@@ -105,7 +109,7 @@ def _plain(value: Any, *, numbers: bool = False) -> Any:
 
 
 def _message(error: str, value: Any, kind: Any, name: str) -> str:
-    """Return msgspec's message with field and value: ``robot.speed_mps = -1.0: Expected `float` > 0.0``."""
+    """Add field and value to msgspec's message: ``robot.speed_mps = -1.0: Expected `float` > 0.0``."""
     rule, _, place = error.partition(" - at `$")
     place, in_dict, _ = place.partition("[...]")
     for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", place):
@@ -114,8 +118,8 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
         kind = _inside(kind, key or int(index))
     name = name.lstrip(".")
     for key, one in value.items() if in_dict else ():
-        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises: msgspec does not name the key
-    if rule.startswith("Object "):  # lacks a field, or has an unknown one
+        convert(one, typing.get_args(kind)[1], f"{name}.{key}")  # raises with the key, which msgspec omits
+    if rule.startswith("Object "):  # a field is missing or unknown
         return f"{name}: {rule}" if name else rule
     if rule.startswith("Invalid enum value"):
         rule = f"must be one of {_choices(kind)}"
@@ -125,7 +129,7 @@ def _message(error: str, value: Any, kind: Any, name: str) -> str:
 
 
 def _inside(kind: Any, place: str | int) -> Any:
-    """Return the type of a field or list entry inside a type with a range or an optional type; None if unknown."""
+    """Return the type of the field or list entry ``place`` in ``kind``, which may be optional; None if unknown."""
     origin, inner = typing.get_origin(kind), typing.get_args(kind)
     if origin is None:
         return kinds(kind).get(place) if isinstance(kind, type) and isinstance(place, str) else None

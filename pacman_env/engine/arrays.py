@@ -18,10 +18,13 @@ _ALIGNMENT = 8
 
 
 class Array(NamedTuple):
-    """Declaration of a C-contiguous array, as default of a named tuple's field; a field may also be such a tuple."""
+    """Declaration of a C-contiguous array, used as the default of a field in a named tuple.
+
+    The default of a field may also be another named tuple of arrays.
+    """
 
     dtype: Any
-    shape: str  # axes: a number; an upper-case name: equal length within the table; a lower-case name: any length
+    shape: str  # axes: numbers, upper-case names (same length within a table), lower-case names (any length)
 
 
 class Declared(NamedTuple):
@@ -31,7 +34,10 @@ class Declared(NamedTuple):
 
 @functools.cache
 def declared(kind: type[tuple[Any, ...]]) -> dict[str, Declared]:
-    """Return the arrays of a named tuple, nested ones as ``tuple.array``. Raises TypeError for other fields."""
+    """Return dtype and axes of a named tuple's arrays by name; a nested array has the name ``tuple.array``.
+
+    Raises TypeError for a field without a declaration.
+    """
     arrays: dict[str, Declared] = {}
     defaults = kind._field_defaults  # type: ignore[attr-defined]
     for name in kind._fields:  # type: ignore[attr-defined]
@@ -58,7 +64,7 @@ def _numba_type(kind: type[tuple[Any, ...]]) -> Any:
 
 
 def address(array: NDArray[Any]) -> int:
-    return array.ctypes.data  # also for records, faster than __array_interface__
+    return array.ctypes.data  # works for records, too, and is faster than __array_interface__
 
 
 def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
@@ -70,7 +76,10 @@ def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
 
 @functools.cache
 def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
-    """Return name, dtype and axes of each array, with unique names for axes of any length, and the numeric axes."""
+    """Return name, dtype and axes of each array, and a dict of the numeric axes.
+
+    Axes of any length get unique names, because their lengths may differ.
+    """
     checks = [
         (name, dtype, tuple((name, k) if str(axis).islower() else axis for k, axis in enumerate(axes)))
         for name, (dtype, axes) in declared(kind).items()
@@ -105,7 +114,7 @@ class Table:
 
     @classmethod
     def of_memory(cls, kind: type[tuple[Any, ...]], numbers: NDArray[np.int64], memory: NDArray[np.uint8]) -> "Table":
-        """Create a table from ``numbers`` in which offsets in ``memory``, bytes, replace the addresses."""
+        """Create a table of arrays in ``memory`` from a table's ``numbers`` with byte offsets as addresses."""
         table = cls.__new__(cls)
         table._memory = kind, numbers, memory
         table.numbers = numbers.copy()
@@ -129,7 +138,7 @@ class Table:
 
 @functools.cache
 def _places(kind: type[tuple[Any, ...]]) -> dict[str, int]:
-    """Return the index of each array's address among the numbers of a table."""
+    """Return for each array, by name, the index of its address in a table's numbers."""
     sizes = [1 + len(axes) for _, axes in declared(kind).values()]
     return dict(zip(declared(kind), np.cumsum([0, *sizes[:-1]]).tolist(), strict=True))
 
@@ -142,7 +151,7 @@ def zeros(kind: type[tuple[Any, ...]], names: Iterable[str], **lengths: int) -> 
 
 
 def _array_at(context, builder, kind, at, shape):  # type: ignore[no-untyped-def]
-    """Return the C-contiguous array of the Numba type ``kind`` at the address ``at``; ``shape`` are LLVM integers."""
+    """Generate the C-contiguous array of the Numba type ``kind`` at the address ``at``; ``shape`` are LLVM integers."""
     size = WORD(context.get_abi_sizeof(context.get_data_type(kind.dtype)))
     strides: list[Any] = []
     step = size
@@ -164,15 +173,15 @@ def arrays_by_address(kind: type[tuple[Any, ...]]) -> Callable[[int], Any]:
 
     @operation(tuple_type, types.int64)
     def arrays(context, builder, signature, address):  # type: ignore[no-untyped-def]
-        """Generate the tuple of arrays of the table at ``address`` (int64)."""
+        """Generate code that reads a :class:`Table` at ``address`` (int64) and returns its arrays as a tuple."""
         at, places = builder.inttoptr(address, WORD.as_pointer()), itertools.count()
 
         def number():  # type: ignore[no-untyped-def]
-            """Load the table's next number."""
+            """Generate code that loads the table's next number."""
             return builder.load(cgutils.gep_inbounds(builder, at, next(places)))
 
         def generated(kind):  # type: ignore[no-untyped-def]
-            """Generate an array, or a tuple of arrays, of the Numba type ``kind``."""
+            """Generate code that reads an array, or a tuple of arrays, of the Numba type ``kind``."""
             if isinstance(kind, types.BaseTuple):  # type: ignore[attr-defined]
                 return context.make_tuple(builder, kind, [generated(inner) for inner in kind])
             return _array_at(context, builder, kind, number(), [number() for _ in range(kind.ndim)])
@@ -188,7 +197,7 @@ def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
 
     @operation(array_type, types.int64, None)
     def vector_at(context, builder, signature, address, length):  # type: ignore[no-untyped-def]
-        """Generate the array (``length``,) at ``address`` (int64)."""
+        """Generate code that returns the array (``length``,) at ``address`` (int64)."""
         count = context.cast(builder, length, signature.args[1], types.int64)
         return _array_at(context, builder, array_type, address, [count])
 
@@ -201,7 +210,7 @@ reals_at, floats_at, bytes_at = (_vector_at(scalar) for scalar in (types.float64
 class Layout:
     """Layout of the arrays of a named tuple in one memory block, which depends on the ``LENGTHS``.
 
-    ``arrays`` is a function for kernels from a block's address and the lengths to the named tuple.
+    ``arrays`` is a function for kernels: it takes a block's address and the lengths, and returns the named tuple.
     """
 
     def __init__(self, kind: type[tuple[Any, ...]]) -> None:
@@ -211,7 +220,7 @@ class Layout:
 
         @operation(tuple_type, *[types.int64] * 4)
         def arrays(context, builder, signature, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
-            """Generate the tuple of arrays of a block at the address ``block``; all arguments are int64."""
+            """Generate code that returns the arrays of a block at the address ``block``; all arguments are int64."""
             length_of = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
             members, at = [], block
             for one, (dtype, axes) in zip(tuple_type.types, declarations, strict=True):
@@ -225,7 +234,7 @@ class Layout:
         self.arrays = arrays
 
     def _places(self, *lengths: int) -> tuple[dict[str, tuple[np.dtype[Any], tuple[int, ...], int]], int]:
-        """Return dtype, shape and offset of each array, and the size of the block in bytes."""
+        """Return dtype, shape and offset (bytes) of each array by name, and the size of the block in bytes."""
         length_of = dict(zip(LENGTHS, lengths, strict=True))
         places, at = {}, 0
         for name, (dtype, axes) in self.fields.items():
@@ -235,7 +244,7 @@ class Layout:
         return places, at
 
     def new(self, *lengths: int) -> NDArray[np.uint8]:
-        """Return an uninitialized block."""
+        """Return the uninitialized memory of a block with these ``LENGTHS``."""
         return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
 
     def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:

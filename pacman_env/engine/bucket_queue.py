@@ -36,7 +36,7 @@ def new_queue(keys: int, entries: int) -> Queue:
 
 @kernel
 def clear(queue):  # type: ignore[no-untyped-def]
-    """Empty the queue and return the number of this clearing, from 1; after 2^31 - 1 (hours) it is 1 again."""
+    """Empty the queue and return the number of clearings so far; after 2^31 - 1 (hours) it starts at 1 again."""
     state = queue.state
     if state[_STAMP] == _LAST_STAMP:
         queue.stamps[:] = 0

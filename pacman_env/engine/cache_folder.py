@@ -17,14 +17,14 @@ from .._version import __version__
 from ..files import replaced, user_folder
 
 PACKAGE = Path(__file__).resolve().parents[1]
-_KEPT_S = 30 * 86400.0  # lifetime of unused code
+_KEPT_S = 30 * 86400.0  # code that was not used for this time is removed
 _KERNEL_ROOMS = ("config", "engine", "game", "world", "sim", "heuristics")  # in addition to the package's top modules
 
 
 def cache_dir() -> Path:
     """Return the cache folder: $PACMAN_ENV_CACHE, or the user's cache folder.
 
-    Raises OSError if the user has no such folder.
+    Raises OSError if neither the user's folder nor a temporary one can be created.
     """
     variable = os.environ.get("PACMAN_ENV_CACHE")
     return Path(variable) if variable else user_folder("cache")
@@ -34,18 +34,18 @@ unkept: list[OSError] = []  # first error of this process when writing to the ca
 
 
 def warn_unkept(error: OSError) -> None:
-    """Warn, once per process, that something could not be written to the cache."""
+    """Warn, once per process, that compiled code or a prepared map could not be written to the cache."""
     if not unkept:
         unkept.append(error)
         cause = error.strerror or str(error)
-        with contextlib.suppress(OSError):  # no cache folder, which the error tells
+        with contextlib.suppress(OSError):  # there is no cache folder; ``error`` says so
             cause = f"{cache_dir()}: {cause}"
         text = f"new compiled code and prepared maps are not kept: {cause}"
         warnings.warn(f"{text}; set PACMAN_ENV_CACHE to a folder that can be written", RuntimeWarning, stacklevel=2)
 
 
 def check_kept() -> None:
-    """Raise OSError if this process could not write something to the cache."""
+    """Raise OSError if any write of this process to the cache has failed."""
     if unkept:
         raise OSError(f"{cache_dir()}: not everything could be kept: {unkept[0].strerror or unkept[0]}")
 
@@ -60,7 +60,7 @@ def package_hash() -> str:
 def source_hash() -> str:
     """Return a hash of the code that kernels and prepared maps depend on, without its comments and docstrings.
 
-    The cache keeps it for these files, because parsing them takes a quarter of a second.
+    The hash is cached on disk for unchanged files, because parsing them takes a quarter of a second.
     """
     paths = [*PACKAGE.glob("*.py"), *(path for room in _KERNEL_ROOMS for path in (PACKAGE / room).rglob("*.py"))]
     known = None
@@ -89,15 +89,16 @@ def _hash_of(contents: Iterable[tuple[Path, bytes]]) -> str:
 
 @functools.cache
 def kernel_folder() -> Path | None:
-    """Return the folder of code compiled from these sources, which may be read-only; None, with a warning, without one.
+    """Return the folder of code compiled from these sources, which may be read-only; create it if necessary.
 
-    When it is created, folders that were not used for ``_KEPT_S`` are removed.
+    If it cannot be created, warn and return None. When it is created, folders that were not used for ``_KEPT_S`` are
+    removed.
     """
     try:
         compiler = f"{sys.implementation.cache_tag}-numba{importlib.metadata.version('numba')}"
         folder = cache_dir() / "kernels" / f"{__version__}-{compiler}-{source_hash()}"
         if not folder.exists():
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)
             for other in folder.parent.iterdir():
                 if time.time() - other.stat().st_mtime > _KEPT_S:
                     shutil.rmtree(other, ignore_errors=True) if other.is_dir() else other.unlink(missing_ok=True)
@@ -110,7 +111,10 @@ def kernel_folder() -> Path | None:
 
 
 def mark(name: str) -> Path | None:
-    """Return the file that marks something as compiled from these sources, or None if it can never exist."""
+    """Return the path of the file whose existence says that the work ``name`` is done for these sources.
+
+    The file is not created. Returns None if it does not exist and the folder cannot be written.
+    """
     folder = kernel_folder()
     if folder is None:
         return None

@@ -36,7 +36,7 @@ class _CalleeCompiler(Compiler):
         return super().compile_extra(func)
 
     def define_pipelines(self) -> Any:
-        # Set late, because NumPy's functions are compiled again for callers with other flags.
+        # Not set earlier, because NumPy's functions are compiled again for callers with other flags.
         self.state.flags.no_compile = self.state.flags.no_cpython_wrapper = True
         return super().define_pipelines()
 
@@ -61,13 +61,13 @@ class Callee:
         return template, parameters, kinds, {}
 
     def get_overload(self, kinds: Any) -> Any:
-        """Return the key of the function in the target context, for the caller that is being compiled."""
+        """Return the key by which Numba finds this function in the target context while it compiles a caller."""
         return self, tuple(kinds), ConfigStack().top().nrt
 
 
 @contextlib.contextmanager
 def quick_compilation(context: Any) -> Iterator[None]:
-    """Compile without collecting garbage, and look up the types of a call once for equal arguments."""
+    """Switch off garbage collection in the block, and resolve the types of equal calls only once."""
     resolve = context.resolve_function_type
     if "resolve_function_type" in vars(context):  # an outer kernel is being compiled
         yield

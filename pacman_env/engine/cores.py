@@ -18,7 +18,7 @@ def cores(system: Path = Path("/")) -> int:
 def _quotas(system: Path) -> list[float]:
     """Return the limits of all control groups around this process, in cores.
 
-    Version 1 has one hierarchy per controller, version 2 one for all; a machine may mount both.
+    Version 1 of control groups has one hierarchy per controller, version 2 has one for all; a machine may mount both.
     """
     limits = []
     with contextlib.suppress(OSError, ValueError):  # another system, or undocumented files
@@ -40,7 +40,7 @@ def _quotas(system: Path) -> list[float]:
 
 
 def _quota(group: Path) -> float:
-    """Return the cores that a control group may use (Linux, cgroup-v2 and sched-bwc), infinity without a limit."""
+    """Return the number of cores that a control group may use (Linux, cgroup-v2 and sched-bwc); no limit: infinity."""
     with contextlib.suppress(OSError, ValueError):
         if (file := group / "cpu.max").exists():
             quota, period = file.read_text().split()

@@ -14,7 +14,7 @@ from typing import Any
 def uninterrupted() -> Iterator[None]:
     """Delay signals with Python handlers to the end of the block.
 
-    Examples are imports of modules with C parts, and LLVM, which calls Python and drops exceptions raised there.
+    Use it for imports of modules with C parts, and for LLVM, which calls Python and drops exceptions raised there.
     """
     received: list[int] = []
     handlers: dict[int, Any] = {}

@@ -20,7 +20,7 @@ from .native import operation
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-#: Modules of plain functions.
+#: Modules whose plain functions are compiled when a kernel calls them.
 _RULES = ("pacman_env.game.", "pacman_env.rng")
 
 
@@ -28,8 +28,8 @@ _RULES = ("pacman_env.game.", "pacman_env.rng")
 def kernel(function: F, cached: bool = True, allocates: bool = True) -> F:
     """Compile ``function``, and game rules that it calls, with Numba: nopython mode, IEEE arithmetic (no fastmath).
 
-    ``cached=False`` is for functions from outside the package, of which two may have the same name, and whose sources
-    are unknown. ``allocates=False`` is for :func:`table_kernel`.
+    Use ``cached=False`` for functions from outside the package: their sources are unknown, and two of them may have
+    the same name. ``allocates=False`` is for :func:`table_kernel`.
     """
     require_compiler()
     options = {} if allocates else {"_nrt": False}
@@ -54,7 +54,7 @@ def require_compiler() -> None:
 
 
 def table_kernel(function: F) -> F:
-    """Compile a kernel that only takes numbers and creates no arrays; no references are counted, which saves time."""
+    """Compile a kernel that only takes numbers and creates no arrays; its code saves time by counting no references."""
     return kernel(function, allocates=False)
 
 

@@ -14,7 +14,7 @@ from .cache_folder import PACKAGE, kernel_folder, warn_unkept
 from .callees import quick_compilation
 from .interrupts import uninterrupted
 
-LONGEST_WAIT_S = 600.0  # for a process that compiles the same kernel; if it was stopped, this process compiles, too
+LONGEST_WAIT_S = 600.0  # for another process that compiles the same kernel; then this process compiles it, too
 
 
 class _Locator(_CacheLocator):
@@ -29,7 +29,10 @@ class _Locator(_CacheLocator):
         return str(kernel_folder())
 
     def get_source_stamp(self) -> int:
-        """Return 0 in the package, whose sources name the folder; otherwise, when a file near the kernel changed."""
+        """Return 0 for a kernel of the package, because the name of its folder contains the hash of the sources.
+
+        For any other kernel, return the time (ns) of the last change to a file in its folder.
+        """
         inside = self._folder.is_relative_to(PACKAGE)
         return 0 if inside else max(path.stat().st_mtime_ns for path in self._folder.glob("*.py"))
 
@@ -61,7 +64,10 @@ class KernelCache(FunctionCache):
             warn_unkept(error)
 
     def turn(self, sig: Any, kernel: Any) -> contextlib.AbstractContextManager[Any]:
-        """Wait until no other process compiles ``kernel``: one compiles a signature, and the others load its code."""
+        """Wait until no other process compiles ``kernel``, and return the lock to hold while compiling.
+
+        In this way one process compiles a signature, and the others load its code.
+        """
         try:
             if self._index_key(sig, kernel.targetctx.codegen()) in self._cache_file._load_index():
                 return contextlib.nullcontext()
@@ -87,13 +93,13 @@ def _announce() -> None:
 
 
 def keep_code(kernel: Any) -> None:
-    """Give ``kernel``, a Numba dispatcher, its cache."""
+    """Let ``kernel``, a Numba dispatcher, cache its machine code on disk."""
     compile_alone, cache = kernel.compile, KernelCache(kernel.py_func)
 
     def compile_in_turn(signature: Any) -> Any:
         if normalize_signature(signature)[0] in kernel.overloads:
             return compile_alone(signature)
-        # Numba's lock comes first, so that no two threads wait for each other; LLVM would drop the error of Ctrl-C.
+        # Take Numba's lock first, so that no two threads wait for each other. LLVM would drop a KeyboardInterrupt.
         with global_compiler_lock, cache.turn(signature, kernel), uninterrupted(), quick_compilation(kernel.typingctx):
             return compile_alone(signature)
 

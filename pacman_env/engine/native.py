@@ -105,31 +105,31 @@ def _element(context, builder, signature, array, index):  # type: ignore[no-unty
 
 @operation(types.int64, None, types.int64)
 def load(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
-    """Read an element."""
+    """Read the element ``index`` of an int64 array atomically."""
     return builder.load_atomic(_element(context, builder, signature, array, index), _ATOMIC, 8)
 
 
 @operation(types.void, None, types.int64, types.int64)
 def store(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
-    """Write an element."""
+    """Write ``value`` to the element ``index`` of an int64 array atomically."""
     builder.store_atomic(value, _element(context, builder, signature, array, index), _ATOMIC, 8)
 
 
 @operation(types.int64, None, types.int64, types.int64)
 def fetch_add(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
-    """Add to an element and return its old value."""
+    """Add ``value`` to an element of an int64 array and return its old value."""
     return builder.atomic_rmw("add", _element(context, builder, signature, array, index), value, _ATOMIC)
 
 
 @operation(types.int64, None, types.int64, types.int64)
 def fetch_max(context, builder, signature, array, index, value):  # type: ignore[no-untyped-def]
-    """Raise an element to at least ``value`` and return its old value."""
+    """Raise an element of an int64 array to at least ``value`` and return its old value."""
     return builder.atomic_rmw("max", _element(context, builder, signature, array, index), value, _ATOMIC)
 
 
 @operation(types.boolean, None, types.int64, types.int64, types.int64)
 def replace(context, builder, signature, array, index, expected, value):  # type: ignore[no-untyped-def]
-    """Write an element and return True if its old value was ``expected``; otherwise return False."""
+    """Write ``value`` to an element and return True if its old value was ``expected``; otherwise return False."""
     element = _element(context, builder, signature, array, index)
     return builder.extract_value(builder.cmpxchg(element, expected, value, ordering=_ATOMIC), 1)
 

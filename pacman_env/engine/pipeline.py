@@ -25,7 +25,7 @@ _arrays = arrays_by_address(_StageArrays)
 
 @table_kernel
 def run_stages(table, first, last):  # type: ignore[no-untyped-def]
-    """Run the stages in order; the first result other than 0 ends the run and is returned."""
+    """Run the stages in order for the games ``first`` to ``last - 1``; a result other than 0 ends the run."""
     stages = _arrays(table).stages
     for k in range(len(stages)):
         result = call_range(stages[k, 0], stages[k, 1], first, last)
@@ -52,7 +52,7 @@ class Pipeline:
             self._tables.append(Table(_StageArrays, stages=np.ascontiguousarray(numbers)))
 
     def run(self, count: int) -> int:
-        """Run the stages for the games 0 to ``count`` and return the result of :meth:`Threads.run`."""
+        """Run the stages for the games 0 to ``count - 1`` and return the result of :meth:`Threads.run`."""
         return self._threads.run(run_stages, self._tables, count)
 
     def run_some(self, index: NDArray[np.int64]) -> int:

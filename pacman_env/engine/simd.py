@@ -45,13 +45,13 @@ def load(context, builder, signature, array, index):  # type: ignore[no-untyped-
 
 @operation(types.void, None, None, ROW)
 def store(context, builder, signature, array, index, row):  # type: ignore[no-untyped-def]
-    """Write a row from element ``index`` of a float32 array on."""
+    """Write a row to the elements of a float32 array that begin at ``index``."""
     builder.store(row, _place(context, builder, signature, array, index), align=4)
 
 
 @operation(ROW, None)
 def all_of(context, builder, signature, number):  # type: ignore[no-untyped-def]
-    """Return a row of equal numbers."""
+    """Return a row whose elements are all ``number``."""
     number = context.cast(builder, number, signature.args[0], types.float32)
     first = builder.insert_element(ir.Constant(_ROW, ir.Undefined), number, ir.Constant(_INT, 0))
     everywhere = ir.Constant(ir.VectorType(_INT, WIDTH), [0] * WIDTH)
@@ -84,7 +84,7 @@ def lower(context, builder, signature, a, b):  # type: ignore[no-untyped-def]
 
 @operation(ROW, ROW, ROW, ROW)
 def where_below(context, builder, signature, row, limits, chosen):  # type: ignore[no-untyped-def]
-    """Return the numbers of ``chosen`` where ``row`` is below ``limits``, and 0 elsewhere."""
+    """Return a row with the elements of ``chosen`` where ``row`` is below ``limits``, and 0 elsewhere."""
     return builder.select(builder.fcmp_ordered("<", row, limits), chosen, ir.Constant(_ROW, [0.0] * WIDTH))
 
 

@@ -85,7 +85,10 @@ def _serve(shared, me, threads):  # type: ignore[no-untyped-def]
 
 @kernel
 def _post(shared, job, function, count, parts, threads):  # type: ignore[no-untyped-def]
-    """Start a job, ``function`` at an address over 0 to ``count``; compiled, so that no signal can interrupt it."""
+    """Start a job: the kernel at the address ``function`` over the range 0 to ``count - 1``.
+
+    The range of each thread is divided into ``parts`` parts. No signal can interrupt this compiled function.
+    """
     store(shared, _DONE, 0)
     store(shared, _FUNCTION, function)
     store(shared, _COUNT, count)
@@ -98,7 +101,7 @@ def _post(shared, job, function, count, parts, threads):  # type: ignore[no-unty
 
 @kernel
 def _finish(shared, threads):  # type: ignore[no-untyped-def]
-    """Work on parts and wait for other threads; return False if they are not done after ``_SPINS`` pauses."""
+    """Work on parts and wait for other threads; return False if the job is not done after ``_SPINS`` pauses."""
     _do_parts(shared, 0, threads)
     count = load(shared, _COUNT)
     for _ in range(_SPINS):
@@ -109,7 +112,10 @@ def _finish(shared, threads):  # type: ignore[no-untyped-def]
 
 
 class Threads:
-    """The caller's thread and ``number - 1`` more (0: one per core). Results do not depend on the number."""
+    """Threads that share jobs: the caller's thread and ``number - 1`` more (``number`` 0: one thread per core).
+
+    Results do not depend on the number.
+    """
 
     def __init__(self, number: int) -> None:
         if not isinstance(number, (int, np.integer)) or isinstance(number, bool) or number < 0:
@@ -121,10 +127,11 @@ class Threads:
         return Threads, (self.number,)
 
     def run(self, job: Any, tables: Sequence[Table], count: int) -> int:
-        """Run a kernel ``(table, first, last) -> int64``, with results above -2**62, over the range 0 to ``count``.
+        """Run a kernel ``(table, first, last) -> int64`` over the range 0 to ``count - 1``.
 
-        ``tables`` are the first argument for each thread, or one for all threads if it has no scratch memory. Returns
-        the sum of the results, or the highest negative one; a kernel that raises an error in a thread counts as -1.
+        ``tables`` contains a table for each thread, or one table for all threads if it has no scratch memory. The
+        kernel's results must be above -2**62. Returns their sum, or the highest negative result if there is one. A
+        kernel that raises an error counts as -1.
         """
         if self.number == 1 or count == 1:
             return int(job(tables[0].address, 0, count))

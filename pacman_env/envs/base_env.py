@@ -18,7 +18,7 @@ _FIXED = ("observation_space", "action_space", "ghost_agents")  # settings of a 
 
 
 class BaseEnv(Guarded):
-    """Base class of the environments over an :class:`GameRunner`, for any interface."""
+    """Base class of all environments; a :class:`GameRunner` plays their games."""
 
     metadata: dict[str, Any]
     render_mode: str | None
@@ -76,9 +76,9 @@ class BaseEnv(Guarded):
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
-        """Return the function that gives the current action mask, under the name that sb3-contrib calls.
+        """Return a function that returns the current action mask; sb3-contrib calls it by this name.
 
-        Masks are bool, (C,) or for a vector environment (N, C); ``action_space.sample`` takes them as int8. Raises
+        Masks are bool, (C,) or for a vector environment (N, C); ``action_space.sample`` needs them as int8. Raises
         AttributeError if actions are velocities, which have no mask.
         """
         if self.config.action != "goal":
@@ -111,7 +111,7 @@ class BaseEnv(Guarded):
 
 
 def as_json(value: Any) -> Any:
-    """Convert a configuration to settings, a path to text, and containers as JSON does; keep other values."""
+    """Convert a configuration to a dict of settings, a path to text, arrays and tuples to lists; keep other values."""
     if isinstance(value, Config):
         value = value.as_settings()
     if isinstance(value, os.PathLike):

@@ -35,7 +35,7 @@ class GameRunner:
     """N games of one environment, built from its arguments.
 
     With ``ghost_agents`` the caller of ``step`` chooses for ghosts whose behaviour is ``policy``. Without ``copy``,
-    situations and features alternate between two sets of arrays. ``settings`` override the arguments.
+    situations and observations use two sets of arrays in turn. ``settings`` override the settings of the arguments.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class GameRunner:
         return self._games.observer
 
     def require_reset(self, running: bool = False) -> None:
-        """Raise ResetNeeded before the first reset, or with ``running`` if every episode is over."""
+        """Raise ResetNeeded before the first reset, and with ``running`` also if every episode is over."""
         if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
         if running and self.batch.summary[0, 0] != RUNNING and (self.batch.summary[0] != RUNNING).all():
@@ -120,7 +120,10 @@ class GameRunner:
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
-        """Start episodes in the games ``index`` (M,); with ``in_step`` the last situation may be overwritten."""
+        """Start episodes in the games ``index`` (M,) with their seeds (M,) and levels (M,) (None: by seed).
+
+        With ``in_step`` the present observation of these games is overwritten.
+        """
         self.elapsed_s[index] = 0.0
         self._steps[index] = 0
         self.cut[index] = False
@@ -138,7 +141,7 @@ class GameRunner:
         self.begun = True
 
     def _refresh(self) -> None:
-        """Update the values that depend on the new situations."""
+        """Update the path length to the nearest pellet, and drop the copied situation."""
         self._shown = None
         if self._path_counts:
             alive = self.batch.alive  # (N, P)
@@ -157,8 +160,9 @@ class GameRunner:
         return self.observer.allowed != 0
 
     def step(self, actions: NDArray[Any], ghost_choices: Mapping[int, Indices] | None = None) -> Ends:
-        """Play one decision and return rewards, terminations and truncations; games that were over get no reward.
+        """Play one decision with checked actions, (N,) or (N, 2), and return rewards and ends; see ``Ends``.
 
+        Games that were over before the decision get no reward.
         ``ghost_choices`` maps each of ``ghost_agents`` to its choices (N,); policy objects choose for the other ghosts.
         With several agents, truncated games stand still as if they were over.
         """
@@ -191,7 +195,10 @@ class GameRunner:
         return reward, terminated, truncated
 
     def _cut_long_episodes(self, terminated: Flags, truncated: Flags) -> None:
-        """Truncate episodes (N,) at the step limit, with one agent also terminated ones, like ``TimeLimit``."""
+        """Set ``truncated`` (N,) for episodes at the step limit.
+
+        With one agent this includes episodes that terminate in the same step, as in Gymnasium's ``TimeLimit``.
+        """
         most = self.config.max_cycles if self.ghost_agents else self._most_steps
         if most is not None:
             self._steps += 1
@@ -200,9 +207,10 @@ class GameRunner:
             truncated |= long & ~terminated if self.ghost_agents else long
 
     def _progress(self, path_before: Floats, terminated: Flags) -> Floats:
-        """Return gamma phi(s') - phi(s), m, (N,), where phi is minus the path to the nearest pellet and 0 after an end.
+        """Return the shaping reward gamma phi(s') - phi(s) of the last step, (N,), m.
 
-        With gamma = 1 the sum over an episode is the path length at its start, whatever the agent did.
+        The potential phi is minus the path length to the nearest pellet, and 0 after a termination. With gamma = 1 the
+        sum over a terminated episode is the path length at its start, whatever the agent did.
         """
         config = self.config
         passed_s = self.elapsed_s if self._by_event else config.execution.tick_s
@@ -229,7 +237,7 @@ class GameRunner:
         return self._lay_out(*self.observer.first_game, True)
 
     def observe_ghost(self, number: int) -> tuple[Any, Flags, Indices | None]:
-        """Return a ghost's observation, its mask (N, C) and its listed candidates (None: all, by number)."""
+        """Return a ghost's observation, its mask (N, C) and the candidates of actions (None: all, by number)."""
         observer = self._ghost_observer
         observer.observe(number)
         listed = None if observer.listed is None else observer.listed.copy()
@@ -273,7 +281,7 @@ class GameRunner:
         return result | drawn_values(games, self.config) if self._draws else result
 
     def _ghost_choices(self, given: Mapping[int, Indices]) -> NDArray[Any] | None:
-        """Return the choices (N, G) of all ghosts from their policies and ``given``; None if no ghost needs one."""
+        """Return the choices (N, G) of the ghosts' policies, or ``given`` by ghost number; None if none is needed."""
         if not (self._policies or given):
             return None
         choices = np.zeros(self.batch.ghosts.shape, dtype=GHOST_CHOICE)

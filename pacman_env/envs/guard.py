@@ -50,7 +50,7 @@ class Guard:
 
 
 def exclusive(method: Method, exclusive: bool = True) -> Method:
-    """Make a method of a :class:`Guarded` class exclusive."""
+    """Make a method of a :class:`Guarded` class exclusive, or shared if not ``exclusive``."""
     name = "copy" if method.__name__ == "__getstate__" else method.__name__
 
     @functools.wraps(method)

@@ -42,7 +42,7 @@ class ObservedGames:
         self._observers.reverse()
 
     def play_in_one_call(self, actions: NDArray[Any]) -> None:
-        """Play one decision with checked actions (N,) or (N, 2), in kernels only up to the observation."""
+        """Play one decision with checked actions, (N,) or (N, 2), and observe the games, in one call of kernels."""
         batch = self.batch
         if self.config.action == "velocity":
             batch.arrays["velocities"][:] = velocities(actions, self.config)
@@ -65,7 +65,12 @@ class ObservedGames:
         ghost_choices: NDArray[Any] | None,
         plays: Flags | None,
     ) -> None:
-        """Play one decision, actions (N,) or (N, 2), with Python between ticks (ghost policies, endless games)."""
+        """Play one decision with checked actions, (N,) or (N, 2), and with Python code between ticks.
+
+        This is needed for ghost policies and endless games. With decisions by events, ``choose`` returns the ghosts'
+        choices (N, G) before each tick. Otherwise they are ``ghost_choices``, and the games in the mask ``plays`` (N,)
+        are played (None: all).
+        """
         if self._by_event:
             self.batch.step_until_due(*self.observer.chosen(actions), choose)
         else:

@@ -123,7 +123,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         return self._pictures()
 
     def _infos(self, index: NDArray[np.int64] | None = None) -> dict[str, Any]:
-        """Return infos in Gymnasium's layout: an array per key, and a mask of the games ``index`` (None: all)."""
+        """Return infos in Gymnasium's layout: an array (N,) per key, and a mask of the games ``index`` (None: all)."""
         present = np.ones(self.num_envs, dtype=np.bool_) if index is None else self._mask(index)
         result: dict[str, Any] = {}
         for key, array in self._runner.infos().items():

@@ -58,7 +58,7 @@ class SeveralAgents(BaseEnv):
 
     @property
     def state_names(self) -> list[str]:
-        """Return the names of the numbers of ``state()``."""
+        """Return the names of the columns of ``state()``."""
         return list(state_limits(self.batch))
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
@@ -87,7 +87,10 @@ class SeveralAgents(BaseEnv):
         return observations
 
     def _states(self) -> NDArray[np.float64]:
-        """Return the true state of the games, (N, S); ``state_names`` names the numbers."""
+        """Return the states of the games, (N, S), with the columns ``state_names``.
+
+        They contain true poses, the believed pose of the robot, and velocities of ghosts, clipped to ``FAST_MPS``.
+        """
         situation, batch = self._runner.situation, self.batch
         believed = situation.robot
         g, ghosts = batch.games, batch.ghosts
@@ -189,7 +192,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @shared
     def action_masks(self) -> Any:
-        """Return the masks of allowed actions: bool (N, A, C), or with velocities (N, C) by ghost name.
+        """Return the masks of allowed actions: bool (N, A, C), or with velocity actions a dict of (N, C) by ghost.
 
         Raises ResetNeeded before the first reset.
         """
@@ -200,7 +203,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @shared
     def state(self) -> NDArray[np.float64]:
-        """Return the true states (N, S), named by ``state_names``; raises ResetNeeded before the first reset."""
+        """Return the states (N, S) with columns ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()
 
     def stacked(self, observations: Observations) -> Any:
@@ -218,7 +221,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
 
     @exclusive
     def close(self) -> None:
-        """Do nothing; there is nothing to close."""
+        """Do nothing: this environment opens no window."""
 
     def _by_agent(self, given: Mapping[str, Any], what: str) -> dict[str, Any]:
         missing = [agent for agent in self.possible_agents if agent not in given]

@@ -120,7 +120,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
 
     @shared
     def state(self) -> NDArray[np.float64]:
-        """Return the true state (S,), named by ``state_names``; raises ResetNeeded before the first reset."""
+        """Return the state (S,) with columns ``state_names``; raises ResetNeeded before the first reset."""
         return self._states()[0]
 
     def _result(self) -> tuple[Observations, Infos]:

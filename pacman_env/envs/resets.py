@@ -34,7 +34,7 @@ class ResetOptions:
 
     @classmethod
     def of(cls, options: Mapping[str, Any] | None, games: int, *more: str) -> ResetOptions:
-        """Parse ``options`` of a reset; raises ValueError for unknown ones, except ``more``, which the caller reads."""
+        """Parse ``options`` of a reset; raises ValueError for unknown names, except ``more``, which the caller uses."""
         if options is None:
             return cls()
         if not isinstance(options, Mapping):
@@ -113,9 +113,9 @@ class ManyGames(BaseEnv):
         return mask
 
     def _last_of(self, ended: Indices, observations: Any) -> NDArray[Any]:
-        """Return an object array (N,) with copies of the last observations of the games ``ended``, else None.
+        """Return an object array (N,): copies of the last observations for the games ``ended`` (M,), else None.
 
-        Later steps may overwrite the observations themselves.
+        Copies are needed because later steps may overwrite the observations.
         """
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():

@@ -18,7 +18,7 @@ _MANY = 1e9  # upper bound of rounds and of pellets over all rounds
 
 
 def observation_space(parts: Mapping[str, ObservationPart], beside: int | None = None) -> spaces.Dict | spaces.Box:
-    """Return the observation space of one game, with a separate mask of ``beside`` candidates (None: no mask)."""
+    """Return the observation space of one game; ``beside`` is the length of a separate action mask (None: no mask)."""
     if beside is not None:
         mask = spaces.Box(0, 1, (beside,), np.int8)
         return spaces.Dict({OBSERVATION: observation_space(parts), MASK: mask})
@@ -34,7 +34,7 @@ def observation_space(parts: Mapping[str, ObservationPart], beside: int | None =
 
 
 def action_space(batch: GameBatch, candidates: int | None = None) -> spaces.Discrete | spaces.Box:
-    """Return the action space of one game: ``candidates`` goals (None: all of the batch), or the velocities (2,)."""
+    """Return the action space of one game: one of ``candidates`` goals (None: all of the batch), or velocities (2,)."""
     if batch.config.action == "goal":
         return spaces.Discrete(batch.candidates if candidates is None else candidates)
     if batch.config.action_range == "unit":

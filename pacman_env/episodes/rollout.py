@@ -118,7 +118,7 @@ def play_in(
     if n > len(seeds):
         raise ValueError(f"{n} games for {len(seeds)} seeds")
     policy, other = (make_policy(robot) if isinstance(robot, str) else copy.copy(robot) for _ in range(2))
-    times_ms: list[float] = []  # times of ``other``, so that timing does not affect the games
+    times_ms: list[float] = []  # of decisions by ``other``, so that timing does not affect the games
     records = np.zeros(len(seeds), dtype=EPISODE)
     episode = np.arange(n)  # episode of each slot, -1: none left
     before_s = np.zeros(n)  # duration of previous rounds of each slot
@@ -164,7 +164,7 @@ def play_in(
 
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """Return the policy's choice for each game (N,); a policy without state only decides for unfinished games."""
+    """Return the policy's choice for each game (N,); a policy without state only decides for the games ``playing``."""
     stateless = getattr(type(policy), "reset", None) is BasePolicy.reset
     if len(playing) == len(situation) or not stateless:  # a policy with state must see all games
         return choose(policy, situation)
@@ -180,7 +180,7 @@ def _step(
     playing: NDArray[np.int64],
     ghosts: Mapping[int, Policy],
 ) -> NDArray[np.float64]:
-    """Play until the next decision; return the duration (N,) of rounds completed meanwhile, s, else 0."""
+    """Play until the next decision, and return the duration, s, (N,) of rounds completed meanwhile (0: none)."""
     choices = allowed(situation, chosen, batch.hold)
     if batch.config.decisions.when == "event":
         send = functools.partial(ghost_choices, batch, ghosts) if ghosts else None

@@ -15,7 +15,7 @@ REPLICATES = 2000  # bootstrap replicates
 def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
     """Return Wilson's interval (low, high) of a proportion, 0 to 1 (Wilson 1927, no continuity correction).
 
-    Raises ValueError without trials, or if there are more successes than trials.
+    ``z`` is the normal quantile of the confidence. Raises ValueError without trials or for more successes than trials.
     """
     if trials < 1 or not 0 <= successes <= trials:
         raise ValueError(f"{successes} successes in {trials} trials")
@@ -29,7 +29,7 @@ def wilson(successes: int, trials: int, z: float = Z95) -> Interval:
 
 
 def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: float = Z95) -> tuple[float, Interval]:
-    """Return the difference of two success rates, ours minus theirs, in the same trials (n,), and (low, high).
+    """Return the difference of two success rates in the same trials (n,), ours minus theirs, and its interval.
 
     The interval is method 10 of Newcombe, "Improved confidence intervals for the difference between binomial
     proportions based on paired data", Statistics in Medicine 17 (1998): Wilson's limits of both proportions,
@@ -60,7 +60,7 @@ def paired_difference(ours: NDArray[np.bool_], theirs: NDArray[np.bool_], z: flo
 
 
 def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = REPLICATES) -> Floats:
-    """Return how often (R, n) each of n trials is drawn in n draws with replacement."""
+    """Return how often each of n trials is drawn in n draws with replacement, (R, n) for R replicates."""
     if trials < 1:
         raise ValueError(f"{trials} trials")
     return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
@@ -73,14 +73,15 @@ def percentiles95(values: Floats) -> Interval:
 
 
 def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
-    """Return the mean over tasks of the means of their scores (n,), and its stratified bootstrap interval.
+    """Return the mean of the tasks' mean scores, and its 95 % interval by a stratified bootstrap.
 
-    The interval consists of percentiles (Efron 1979) of draws within each task. For paired scores pass the differences.
+    Each task is an array of scores (n,). The limits are percentiles (Efron 1979) of draws within each task. For paired
+    scores pass the differences.
     """
     drawn = _drawn_means(tasks, rng).mean(axis=1)
     return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
 
 
 def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
-    """Return the mean of each task in each replicate (R, T)."""
+    """Return the mean score of each task in each bootstrap replicate, (R, T)."""
     return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)

@@ -7,8 +7,8 @@ the chosen branch. Without a fork, a move towards the robot carries no informati
 (``other``) may turn and stand.
 """
 
-#: The behaviours that are told apart, each with its prior, its likelihood of standing, and the same near the robot,
-#: where a chaser cannot come nearer. A ghost with any other behaviour, such as a new one, shows as ``other``.
+#: The behaviours that are told apart: prior probability, likelihood of standing far from the robot, and likelihood of
+#: standing near the robot, where a chaser cannot come nearer. Any other behaviour, such as a new one, is ``other``.
 _BELIEVED = {
     "wander": (0.55, 0.02, 0.02),
     "arcade": (0.15, 0.5, 0.5),
@@ -19,7 +19,7 @@ BELIEVED = tuple(_BELIEVED)
 WANDERS, ARCADE, CHASES, OTHER = range(len(BELIEVED))
 PRIOR, _STANDS, _ARRIVED = zip(*_BELIEVED.values(), strict=True)
 COMES = 0.5  # probability above which a ghost counts as approaching the robot
-ANY_PLACE = -1  # all bits
+ANY_PLACE = -1  # all bits are set: every place is possible
 _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, because a ghost may change its behaviour
 #: Likelihood of a move of a ghost with a target, by the share of the move towards the target. Measured: 0.98 to 1.0
 #: (towards), 0.0 to 0.02 (across) and 0.0 (away). But moves across come in series, while the ghost goes round an
@@ -27,7 +27,7 @@ _FORGOTTEN = 0.005  # share of the belief replaced by the prior at each move, be
 _TOWARDS_FROM, _ACROSS_FROM = 0.5, 0.0
 _TOWARDS, _ACROSS, _AWAY = 0.95, 0.5, 0.02
 _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no possible place
-#: Likelihood of turning round for wander, chase, arcade far from the robot, other; and of not turning for other.
+#: Likelihood of turning round: wander, chase, arcade far from the robot, other. Likelihood of not turning: other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
 ARRIVED_M = 1.0
 
@@ -46,9 +46,9 @@ def update_belief(belief, places_share, robot_share, corner_share, near, turned)
     """Update ``belief`` (4,), probabilities in the order of ``BELIEVED``, after a move of a ghost.
 
     Args:
-        places_share: share of its possible places that the ghost approached; 0: none.
+        places_share: share of its possible destinations that the ghost approached; 0: none.
         robot_share: length by which its path to the robot became shorter, relative to the length of the move.
-        corner_share: the same for the path to its corner.
+        corner_share: length by which its path to its corner became shorter, relative to the length of the move.
         near: the robot was nearer than the distance at which ``arcade`` turns away.
         turned: the move was opposite to the previous one.
     """
@@ -78,12 +78,12 @@ def weigh(belief, likelihoods):  # type: ignore[no-untyped-def]
 
 
 def comes(belief):  # type: ignore[no-untyped-def]
-    """Return True if a ghost counts as approaching the robot; ``belief`` (4, ...) may cover many ghosts."""
+    """Return True if a ghost with this belief (4,) counts as approaching the robot; a mask (...) for (4, ...)."""
     return belief[ARCADE] + belief[CHASES] > COMES
 
 
 def taken_for(belief):  # type: ignore[no-untyped-def]
-    """Return the index in ``BELIEVED`` of the assumed behaviour: wandering unless the ghost approaches the robot."""
+    """Return the index in ``BELIEVED`` of the behaviour assumed for ``belief`` (4,): wandering unless it comes near."""
     if not comes(belief):
         return WANDERS
     return CHASES if belief[CHASES] >= belief[ARCADE] else ARCADE

@@ -15,7 +15,7 @@ HOLD = -1  # choice without a goal
 
 
 def decision_rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """Return the constants of :func:`decision_due`; ``in_units`` converts seconds."""
+    """Return the constants of :func:`decision_due`; ``in_units`` converts seconds to the caller's unit of time."""
     decisions = config.decisions
     return {
         "threat_distance": decisions.threat_distance_m,
@@ -42,7 +42,7 @@ class Moment(NamedTuple):
     time_s: float
     pursued: int  # candidate or HOLD
     pellets: object  # anything that changes when a pellet is collected or a round starts
-    distance: float  # m, believed, to the nearest ghost
+    distance: float  # from the believed pose to the nearest ghost, m
 
 
 class LastDecision:

@@ -20,7 +20,7 @@ _EDGE_S = 1e-9  # tolerance, because sums of periods hit the times at which the 
 
 
 def killed_by(ghost: str) -> str:
-    """Return the event in which a ghost catches the robot."""
+    """Return the word of the event in which a ghost catches the robot."""
     return f"{ghost} killed"
 
 
@@ -72,7 +72,7 @@ FEEDBACK: dict[str, Feedback] = {
         for ghost, colour in GHOST_COLOURS.items()
     },
 }
-#: By word.
+#: Lights by word.
 LIGHTS = {light.word: light for light in (*PLAIN_LIGHTS, *(answer.light for answer in FEEDBACK.values())) if light}
 SOUNDS = {answer.sound.word: answer.sound for answer in FEEDBACK.values() if answer.sound}
 

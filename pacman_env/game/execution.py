@@ -2,7 +2,7 @@
 
 One function of plain numbers, :func:`transition`, applies an event to a record. The simulator compiles it and loops
 over its games; the robot's goal selector applies it to one record. Record and rules use the same unit of time: physics
-steps in the simulator, seconds on the robot.
+steps in the simulator, seconds on the robot. Private functions take its arguments.
 """
 
 from collections.abc import Callable
@@ -52,7 +52,7 @@ class Board(NamedTuple):
 
 
 def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
-    """Return the constants of :func:`transition`; ``in_units`` converts seconds."""
+    """Return the constants of :func:`transition`; ``in_units`` converts seconds to the record's unit of time."""
     execution = config.execution
     return {
         "death": execution.death_radius_m,
@@ -69,12 +69,12 @@ def rules(config: Config, in_units: Callable[[float], Any]) -> dict[str, Any]:
 
 
 def within(dx, dy, radius):  # type: ignore[no-untyped-def]
-    """Return True if d <= r, the condition for pick-up and death (Milestone 3, Algorithm 4)."""
+    """Return True if (dx, dy) is at most ``radius`` long: in reach for pick-up or death (Milestone 3, Algorithm 4)."""
     return dx * dx + dy * dy <= radius * radius
 
 
 def closing_speed(distance_before, distance_now, period):  # type: ignore[no-untyped-def]
-    """Return (d(t - dt) - d(t)) / dt in m/s, positive while the distance shrinks (Milestone 3, Algorithm 3)."""
+    """Return the decrease of a distance, m, per second of ``period``, s, in m/s (Milestone 3, Algorithm 3)."""
     return (distance_before - distance_now) / period
 
 
@@ -84,7 +84,7 @@ def round_complete(collected: int, spawned: int) -> bool:
 
 
 def goal_of(s, candidate, p):  # type: ignore[no-untyped-def]
-    """Return the map goal of a candidate; goals are pellets, then refuges, without padding."""
+    """Return the number of a candidate's goal on the map; goals are pellets, then refuges, without padding."""
     return candidate if candidate < p.pellet_slots else s.pellets + candidate - p.pellet_slots
 
 
@@ -94,9 +94,9 @@ def transition(s, event, value, at, now, navigating, board, p):  # type: ignore[
     Args:
         s: the record, see :class:`Execution`.
         event: ``CHOICE`` of a candidate, ``RESULT`` of the current goal, or ``CHECK`` of pellets and ghosts.
-        value: the chosen candidate or ``NO_CHOICE``; for a result, its status.
+        value: the chosen candidate or ``NO_CHOICE``; for a result, the goal's status.
         at: (x, y) of the robot's believed position, m; for a result, the position in Nav2's feedback.
-        now: time.
+        now: time in the record's unit.
         navigating: True if Nav2 has a goal that is not cancelled.
         board: see :class:`Board`.
         p: the constants, see :func:`rules`, and ``pellet_slots``.
@@ -142,8 +142,9 @@ def _choose(s, chosen, at, now, navigating, goal_xy, p):  # type: ignore[no-unty
 def _conclude(s, status, at, now, board, p):  # type: ignore[no-untyped-def]
     """Apply the result of the current goal.
 
-    As built, a success collects the pellet wherever the robot is, and an abort removes it uncounted. Robust, a success
-    only counts near the pellet (Nav2 moves blocked goals by up to 0.5 m), else the goal waits, up to 8 times as long.
+    With the rules ``as_built``, a success collects the pellet wherever the robot is, and an abort removes it uncounted.
+    With ``robust``, a success only counts near the pellet, because Nav2 moves blocked goals by up to 0.5 m. After a
+    failure the goal may not be chosen for a while, which becomes up to 8 times as long with each failure.
     """
     slot = s.pursued
     s.pursued = NO_CHOICE

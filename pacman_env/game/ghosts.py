@@ -48,10 +48,10 @@ GHOST_FIELDS = [
     ("stream", np.uint64),
     ("wanders", np.bool_),  # draws a new target at the end of its path
     ("fled", np.bool_),  # was frightened at its last decision
-    ("gone", np.bool_),  # away at its last move, at its spawn place
+    ("gone", np.bool_),  # was away, at its spawn place, at its last move
     ("spawn_cell", np.int32),  # where it started
     ("place", np.int32),  # candidate to which it was sent, or -1
-    # Belief about its behaviour, and the state at the last update of it (sim/core/beliefs.py).
+    # Belief about its behaviour, and the ghost's state when the belief was last updated (sim/core/beliefs.py).
     ("belief", np.float64, (len(BELIEVED),)),  # probabilities
     ("seen_x", np.float64),  # m
     ("seen_y", np.float64),
@@ -81,7 +81,7 @@ class GhostView(NamedTuple):
 
 
 def view_of(number, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the view of ghost ``number``: its motion, the believed pose of the robot (3,), and its corner, m."""
+    """Return the view of ghost ``number`` from its record, the robot's believed pose (3,) and its corner (x, y), m."""
     return GhostView(number, ghost.x, ghost.y, ghost.vx, ghost.vy, robot[0], robot[1], robot[2], corner[0], corner[1])
 
 
@@ -109,7 +109,7 @@ class Behaviour:
 
 
 def wander(view, parameters):  # type: ignore[no-untyped-def]
-    """Return NaN: the ghost has no target and wanders."""
+    """Return (NaN, NaN): the ghost has no target and wanders."""
     return math.nan, math.nan
 
 
@@ -119,7 +119,10 @@ def chase(view, parameters):  # type: ignore[no-untyped-def]
 
 
 def arcade(view, parameters):  # type: ignore[no-untyped-def]
-    """Return the target of the arcade's Clyde: the robot beyond a distance of ``parameters[0]`` m, else its corner."""
+    """Return the target (x, y), m, of the arcade's Clyde: the robot, or the ghost's own corner near the robot.
+
+    Near means within ``parameters[0]`` m.
+    """
     dx, dy = view.robot_x - view.x, view.robot_y - view.y
     if dx * dx + dy * dy > parameters[0] * parameters[0]:
         return view.robot_x, view.robot_y
@@ -127,7 +130,7 @@ def arcade(view, parameters):  # type: ignore[no-untyped-def]
 
 
 def flee(view, parameters):  # type: ignore[no-untyped-def]
-    """Return the target of a frightened ghost: ``parameters[0]`` m ahead, straight away from the robot."""
+    """Return the target (x, y), m, of a frightened ghost: ``parameters[0]`` m straight away from the robot."""
     dx, dy = view.x - view.robot_x, view.y - view.robot_y
     share = parameters[0] / max(math.sqrt(dx * dx + dy * dy), 1e-6)
     return view.x + share * dx, view.y + share * dy
@@ -170,7 +173,7 @@ def ghost_stream(seed, number):  # type: ignore[no-untyped-def]
 def spawn(ghost, cell, path, position):  # type: ignore[no-untyped-def]
     """Place a ghost on a cell; it chooses its first target at its first move.
 
-    ``path`` (L,) are the cells of its path, and ``position`` (K, 2), m, the centres of all cells.
+    ``path`` (L,) is the memory for its path, and ``position`` (K, 2), m, are the centres of all cells.
     """
     path[0] = cell
     ghost.spawn_cell = cell
@@ -194,7 +197,7 @@ def choose_target(ghost, cell, part, part_start, part_cells):  # type: ignore[no
 
 
 def walk(ghost, path, position, share, period):  # type: ignore[no-untyped-def]
-    """Move a ghost along its path at ``share`` of its speed for ``period`` seconds, at most to the end.
+    """Move a ghost along its path at ``share`` of its speed for ``period`` seconds, at most to the path's end.
 
     ``path`` (L,) are cells, and ``position`` (K, 2), m, the centres of all cells.
     """

@@ -19,11 +19,11 @@ class ScorerParameters(NamedTuple):
     risk_weight: float = 3.0  # w_g, per m below r_g
     direction_weight: float = 5.0  # w_d, in m
     emergency_radius_m: float = 2.0  # Clyde threatens within this distance ...
-    warning_radius_m: float = 3.0  # ... or within this one while it closes in
+    warning_radius_m: float = 3.0  # ... or within this distance while it approaches
     approach_speed_mps: float = 0.03  # smallest closing speed that counts
     replan_margin_m: float = 0.3  # a new goal must cost less by at least this
     threat_exit_margin_m: float = 0.0  # both radii grow by this while Clyde threatens
-    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near are skipped
+    death_radius_m: float = ExecutionConfig.death_radius_m  # no threat within it; pellets this near Clyde are skipped
 
 
 def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerParameters) -> bool:
@@ -47,7 +47,8 @@ def score_situation(
 ) -> None:
     """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.
 
-    If Clyde's position is NaN (unknown), there is no risk and every direction is safe.
+    ``robot`` (3,) and ``clyde`` (2,) are pose and position, m and rad; ``documented`` selects the formula. If Clyde's
+    position is NaN (unknown), there is no risk and every direction is safe.
     """
     to_clyde_x, to_clyde_y = clyde[0] - robot[0], clyde[1] - robot[1]
     robot_clyde = math.hypot(to_clyde_x, to_clyde_y)

@@ -1,7 +1,7 @@
 """Execute goals on a robot (Algorithm 4), driven by events of Nav2's asynchronous action and by the game's messages.
 
-This is a pure state machine: time is an argument, the result is a list of actions. The rules for choices, results and
-distances are in ``execution.py``. Nav2 may answer late, about goals abandoned long ago, or never.
+This is a pure state machine: time (``now``, s) is an argument, the result is a list of actions. The rules for choices,
+results and distances are in ``execution.py``. Nav2 may answer late, about goals abandoned long ago, or never.
 """
 
 import math
@@ -36,7 +36,7 @@ class GoalExecutor:
         self._active = False
         self._held: set[str] = set()  # reasons to stand, such as an operator's stop or a lost pose
         self._nav2_there = False
-        self._waiting_s: float | None = None  # time since when the return home cannot start
+        self._waiting_s: float | None = None  # time at which the return home was first impossible
         self._arrived_s: float | None = None  # time of a success at home that no pose has confirmed
 
     @property
@@ -64,7 +64,7 @@ class GoalExecutor:
         return self._halt(now) if driving or self.sent.open else []
 
     def hold(self, reason: str, held: bool, now: float) -> list[ExecutorAction]:
-        """Add or remove a reason to stand; while there is one, no goal is sent, but task and round continue."""
+        """Add (``held``) or remove a reason to stand still; meanwhile no goal is sent, but task and round continue."""
         if held == (reason in self._held):
             return []
         was = bool(self._held)
@@ -143,7 +143,7 @@ class GoalExecutor:
     # Nav2's answers
 
     def nav2(self, there: bool, now: float) -> list[ExecutorAction]:
-        """Record whether Nav2's action server exists; without it no goal is pursued."""
+        """Record whether Nav2's action server is ``there``; without it no goal is pursued."""
         self._nav2_there = there
         if not there:
             self._drop_current()
@@ -175,7 +175,7 @@ class GoalExecutor:
         self._arrived_s = now
         return []
 
-    # What follows
+    # Consequences of these inputs
 
     def _drop_current(self) -> None:
         self.sent.current, self.round.record.pursued = None, NO_CHOICE

@@ -20,7 +20,7 @@ Position = tuple[float, float]  # m
 class Place:
     """A goal: a pellet with its id, a refuge, or home with its heading (rad)."""
 
-    candidate: int  # or ``HOME``
+    candidate: int  # number of the candidate, or ``HOME``
     x: float  # m
     y: float
     pellet: int | None = None
@@ -40,8 +40,8 @@ def home_place(x: float, y: float, heading: float) -> Place:
 class Goals:
     """Goals of one map: candidate pellets, pellets out of reach, refuges; positions in m.
 
-    Pellets out of reach can only be collected in passing. ``slot`` is the row in ``xy``, and ``power`` tells by slot
-    which pellets are power pellets.
+    Pellets out of reach can only be collected in passing. ``slot`` maps a pellet's id to its row in ``xy``, and
+    ``power`` is a mask of the power pellets by slot.
     """
 
     def __init__(

@@ -31,7 +31,7 @@ class Light:
     word: str
     rings: tuple[Ring, ...]  # empty: the robot controls the ring
     lasts: float | str = math.inf  # s, or a field of ShowConfig in s; inf: until the next word
-    then: str | None = None  # lasting word afterwards; None: the previous one
+    then: str | None = None  # lasting word shown afterwards; None: the previous one
 
     def duration_s(self, show: ShowConfig) -> float:
         return getattr(show, self.lasts) if isinstance(self.lasts, str) else self.lasts

@@ -19,7 +19,7 @@ class FreeSpace(Protocol):
     @property
     def origin(self) -> tuple[float, float, float]: ...  # pose (m, m, rad) of the lower left corner
 
-    def game_free(self, free_grey: int) -> NDArray[np.bool_]: ...  # (H, W) brighter than this, row 0 at the top
+    def game_free(self, free_grey: int) -> NDArray[np.bool_]: ...  # (H, W) brighter than ``free_grey``
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,11 @@ class PelletSet:
 def pixel_to_world(
     map: FreeSpace, u: NDArray[np.int64], v: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the position x, y (m) of pixels: x = u R + x0, y = (H - v) R + y0, rotated about the origin by its yaw."""
+    """Return the positions x and y (m) of pixels (column u, row v from the top), as two arrays of the shape of ``u``.
+
+    The point (u R, (H - v) R) is rotated by the map's yaw and then moved by the map's origin (x0, y0). R is the
+    resolution in m and H the number of rows.
+    """
     x0, y0, yaw = map.origin
     cos, sin = (math.cos(yaw), math.sin(yaw)) if yaw else (1.0, 0.0)
     height = map.game_free(0).shape[0]
@@ -46,7 +50,7 @@ def pixel_to_world(
 
 
 def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -> NDArray[np.bool_]:
-    """Return a mask (len(rows), W): the cell is free (H, W) in its row and in ``reach`` rows on both sides."""
+    """Return a mask (len(rows), W): the cell is ``free`` (H, W) in this row and in ``reach`` rows above and below."""
     if len(rows) == 0:
         return free[:0]
     bounds = np.stack([rows - reach, rows + reach + 1], axis=1).ravel()
@@ -55,10 +59,11 @@ def _free_around(free: NDArray[np.bool_], rows: NDArray[np.int64], reach: int) -
 
 
 def generate_pellets(map: FreeSpace, config: PelletConfig) -> PelletSet:
-    """Generate pellets on a lattice from pixel (0, 0), at points with a free square around (Milestone 3, Algorithm 1).
+    """Generate pellets on a lattice from pixel (0, 0), at points inside a free square (Milestone 3, Algorithm 1).
 
     Spacing and clearance are rounded to whole pixels; positions are half a cell away from map_server's cell centres.
-    The simulator applies ``reachable_only``, as ids must not depend on the start. Raises ConfigError for tiny spacings.
+    Unreachable pellets are included, because ids must not depend on the robot's start; the simulator applies
+    ``reachable_only``. Raises ConfigError for tiny spacings.
     """
     step = round(config.spacing_m / map.resolution)
     clearance = round(config.wall_clearance_m / map.resolution)

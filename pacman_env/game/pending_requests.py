@@ -43,12 +43,12 @@ class Requests:
         return services
 
     def unanswered(self, service: str) -> str:
-        """Describe a request without an answer."""
+        """Return a description of the request to a service that has not answered."""
         calls = self._open[service].calls
         return f"{service}: no answer to {calls} call{'s' if calls > 1 else ''}" if calls else f"{service}: no server"
 
     def overdue(self, now: float) -> dict[str, str]:
-        """Return the services that should have answered by now, with descriptions."""
+        """Return the services that should have answered by now, each with a description."""
         return {name: self.unanswered(name) for name, request in self._open.items() if self._late(request, now)}
 
     def _late(self, request: _Request, now: float) -> bool:

@@ -21,7 +21,7 @@ _MOST_DOUBLINGS = 3  # 200, 400, 800, 1600 for the four ghosts of one energizer 
 def choose_power_pellets(position: NDArray[np.float64], home: tuple[float, float], count: int) -> NDArray[np.bool_]:
     """Return a mask (P,) of the power pellets among pellets at ``position`` (P, 2), m.
 
-    Each is the pellet farthest, in a straight line, from home and from those chosen before; the first of equal ones.
+    Each is the pellet with the largest straight distance to home and the pellets chosen before; the first in a tie.
     """
     chosen = np.zeros(len(position), dtype=np.bool_)
     nearest = np.hypot(position[:, 0] - home[0], position[:, 1] - home[1])
@@ -59,7 +59,7 @@ def is_frightened(ghost, now):  # type: ignore[no-untyped-def]
 
 
 def frighten(ghosts, until, now):  # type: ignore[no-untyped-def]
-    """Frighten the ghosts (G, 5) that are not away, again from the beginning if they are frightened already."""
+    """Frighten the ghosts (G, 5) that are not away, up to the time ``until``, even if they are frightened already."""
     for k in range(len(ghosts)):
         if not is_away(ghosts[k], now):
             ghosts[k, HARMLESS_UNTIL] = until
@@ -72,7 +72,7 @@ def send_away(ghost, until):  # type: ignore[no-untyped-def]
 
 
 def score_pellet(streak, is_power, power_points):  # type: ignore[no-untyped-def]
-    """Return the points of a collected pellet, and the streak: ghosts caught since the last power pellet."""
+    """Return the points of a collected pellet, and the new streak: ghosts caught since the last power pellet."""
     return (power_points, 0) if is_power else (1, streak)
 
 

@@ -17,7 +17,7 @@ _GONE_S = 2.0  # a pellet missing from reports for this long was removed by anot
 _EMPTY_S = 2.0  # a round without a pellet in reach for this long is complete
 
 
-#: Status of a pellet; for a ghost, its number among the catches of this side in this round, and its name.
+#: Report of a pellet: the status. Report of a ghost: number of the catch by this side in this round, ghost's name.
 _Report = str | tuple[int, str]
 
 
@@ -77,7 +77,7 @@ class UnacknowledgedStatuses:
         return ExecutorAction("status", word)
 
     def collected_before(self, pellets: Sequence[int], gone: int) -> list[ExecutorAction]:
-        """Report pellets that a previous executing side collected, if fewer are counted than are ``gone``.
+        """Report ``pellets`` that a previous executing side collected, if the game counts fewer than ``gone`` pellets.
 
         The previous side may have ended before the referee received its report. The referee counts no pellet twice.
         """
@@ -119,7 +119,7 @@ class UnacknowledgedStatuses:
         return repeated
 
     def _is_answered(self, report: _Report) -> bool:
-        """Return True if the game acknowledges such reports, as far as this side knows."""
+        """Return True if the game has sent the count that acknowledges such reports (pellets or ghosts)."""
         return (self._counted if isinstance(report, str) else self._caught_before) is not None
 
     def _word(self, report: _Report) -> str:
@@ -139,7 +139,7 @@ class RobotRound:
         self.goals = goals
         self.rules = SimpleNamespace(**rules(config, float), pellet_slots=goals.candidates)
         self._left = np.zeros(len(goals.ids), dtype=np.bool_)  # by slot, except pellets collected since the last report
-        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time since which reports do not show the pellet
+        self._missing_s = np.full(len(goals.ids), math.inf)  # by slot, time of the first report without the pellet
         self.record = Execution(config.execution.pickup_radius_m, pellets=len(goals.ids))
         self._power = config.power
         self.begin(1)
@@ -162,7 +162,7 @@ class RobotRound:
         self.waits = np.zeros(self.goals.candidates + self.goals.refuges)
         self._aborts = np.zeros(len(self.waits), dtype=np.int64)
         self._collected: set[int] = set()
-        self.empty_s: float | None = None  # time since when no pellet in reach is shown
+        self.empty_s: float | None = None  # time of the first report without a pellet in reach
 
     @property
     def left(self) -> dict[int, Position]:
@@ -176,8 +176,9 @@ class RobotRound:
     def report(self, left: Iterable[int], unknown: int, playing: bool, now: float) -> list[ExecutorAction]:
         """Process a report with the ids of the pellets ``left`` and the number of ``unknown`` pellets of another map.
 
-        A round without pellets in reach is reported as complete. A pellet that is missing from reports for 2 s counts
-        as gone. A report that only contains unknown pellets is about another map and changes nothing.
+        While the game is ``playing``, a round without pellets in reach is reported as complete. A pellet that is
+        missing from reports for 2 s counts as gone. A report that only contains unknown pellets is about another map
+        and changes nothing.
         """
         self.statuses.begin_event()
         left = list(left)
@@ -220,10 +221,10 @@ class RobotRound:
     def step(
         self, event: int, value: int, at: Position | None, now: float, navigating: bool, ghosts: Sequence[Position] = ()
     ) -> tuple[int, list[ExecutorAction]]:
-        """Apply an event of :func:`transition`; return the action for the goal and the reports."""
+        """Apply an event of :func:`transition` at ``at``, m; return the action for the goal, and the reports."""
         record, remaining, lost, end = self.record, self._left.copy(), self.record.lost, self.record.end
         times, longest_s = self.ghosts[:, HARMLESS_UNTIL:], max(record.fright_time, self._power.return_s)
-        np.minimum(times, now + longest_s, out=times)  # longer only if the clock was set back
+        np.minimum(times, now + longest_s, out=times)  # times are later only if the clock was set back
         caught, away_before = record.caught, self.ghosts[:, AWAY_UNTIL].copy()
         for k, place in enumerate(ghosts):
             self.ghosts[k, :2] = place

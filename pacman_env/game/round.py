@@ -1,7 +1,7 @@
 """Control the game from menu to menu (Algorithm 5).
 
-This is a pure state machine: time is an argument, the result is a list of actions. Pick-up, death and the event
-``<ghost> killed`` belong to Algorithm 4.
+This is a pure state machine: time (``now``, s) is an argument, the result is a list of actions. Pick-up, death and the
+event ``<ghost> killed`` belong to Algorithm 4.
 """
 
 import math
@@ -320,7 +320,7 @@ def _spawned_since(game: RoundController, before: int) -> list[Action]:
 
 
 def begins_in_s(game: RoundController, now: float) -> float | None:
-    """Return the time until the start show is over, or None without a start show."""
+    """Return the time, s, until the start show is over, or None without a start show."""
     due_s = game._deadline_s
     return None if game.state != "starting" or due_s is None else max(0.0, due_s - now)
 

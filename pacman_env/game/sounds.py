@@ -33,7 +33,7 @@ class SoundQueue:
     """Queue with one playing and at most one waiting melody; each method returns the word to play now, or None.
 
     While a melody plays, repetitions of its word and words without importance are ignored. Of other words the most
-    important one waits, and the newest one if they are equally important.
+    important one waits, and the newest one if they are equally important. Times are in s.
     """
 
     def __init__(self, sounds: Mapping[str, Sound]) -> None:
@@ -64,7 +64,7 @@ class SoundQueue:
         return None if word is None else self._begin(word, now)
 
     def overdue(self, now: float) -> bool:
-        """Return True if the end of the melody should have been reported, or if the clock was set back."""
+        """Return True if, at the time ``now`` (s), the melody's end is overdue, or the clock was set back."""
         return self._playing is not None and not self._begun_s <= now < self._deadline_s
 
     def _begin(self, word: str, now: float) -> str:

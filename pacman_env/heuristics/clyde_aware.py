@@ -30,7 +30,7 @@ def rate_batch(
     terms: Floats,
     threatened: Flags,
 ) -> None:
-    """Write terms (N, C, 6) and update the threat flags ``threatened`` (N,) of every game."""
+    """Write ``terms`` (N, C, 6) and update the threat flags ``threatened`` (N,); other arrays as in ``Situation``."""
     for n in range(len(robot)):
         distance = math.hypot(clyde[n, 0] - robot[n, 0], clyde[n, 1] - robot[n, 1])
         threatened[n] = is_threatening(distance, closing_speed[n], threatened[n], p)
@@ -42,7 +42,7 @@ class ClydeAware(BasePolicy):
 
     ``deployed`` is the version on the robot. Its direction term uses the cosine at the robot between Clyde and the
     pellet, without a penalty for pellets in a safe direction. Under threat it chooses the best safe pellet; pellets
-    within Clyde's death radius come last. ``documented`` is the milestone's text: only the dot product (m2). With
+    within Clyde's death radius come last. ``documented`` is the milestone's text, with only the dot product (m2). With
     ``threat_exit_margin_m`` above 0 each game remembers whether it was threatened. Parameters are the fields of
     ``ScorerParameters``; the default of the death radius is the game's.
 
@@ -72,7 +72,7 @@ class ClydeAware(BasePolicy):
         self._threatened: Flags | None = None
 
     def reset(self, games: Flags, config: Config) -> None:
-        """Clear the threat flags of the games in the mask (N,); another number of games clears all."""
+        """Clear the threat flags of the games in the mask (N,); clear all flags if the number of games changed."""
         super().reset(games, config)
         game = {"death_radius_m": config.execution.death_radius_m}
         self.parameters = ScorerParameters(**{**game, **self._given})
@@ -124,8 +124,8 @@ class ClydeAware(BasePolicy):
 def _choose(terms: Floats, situation: Situation, safe_first: Flags, margin_m: float) -> Indices:
     """Return the goal (N,) of every game: a pellet, else HOLD, else -1; the first one in a tie.
 
-    The order is: the cheapest safe pellet if ``safe_first`` (N,), the cheapest pellet that is not skipped, the cheapest
-    pellet. The current pellet is kept unless the new one costs less by more than the margin.
+    The goal is the cheapest safe pellet if ``safe_first`` (N,) and there is one, else the cheapest pellet that is not
+    skipped, else the cheapest pellet. The current pellet stays unless the new one is cheaper by more than the margin.
     """
     current, games = situation.current, np.arange(len(terms))
     pellet = (situation.kind == PELLET) & situation.mask
@@ -133,7 +133,7 @@ def _choose(terms: Floats, situation: Situation, safe_first: Flags, margin_m: fl
     unskipped = np.where(terms[..., SKIPPED] > 0, np.inf, costs)
     safe = np.where((terms[..., SAFE] > 0) & safe_first[:, None], unskipped, np.inf)
     goal = hold_index(situation)
-    for allowed in (costs, unskipped, safe):  # a later one comes first
+    for allowed in (costs, unskipped, safe):  # the last array with an allowed pellet decides
         best = allowed.argmin(axis=1)
         goal = np.where(allowed[games, best] < np.inf, best, goal)
     pursues = (current >= 0) & (goal >= 0) & pellet[games, current] & pellet[games, goal]

@@ -18,12 +18,12 @@ from pacman_env.sim.observation.situation import PELLET, Situation
 class LookaheadParameters(NamedTuple):
     """Parameters tuned by hand: costs of a catch on the experiment's house, the others on generated levels."""
 
-    robot_speed_mps: float | None = None  # None: of the configuration
+    robot_speed_mps: float | None = None  # None: speed in the configuration
     caught_soon_s: float = 300.0  # cost of being caught within 5 s ...
     caught_s: float = 200.0  # ... and within 10 s
     approached_s: float = 4.0  # cost of Clyde within 0.8 m
     wait_s: float = 40.0  # cost of a goal without a pellet
-    wait_way_s: float = 0.2  # per second of the path to a place to wait
+    wait_way_s: float = 0.2  # cost per second of the path to a place to wait
     distance_s: float = 2.0  # credit per m of Clyde's distance from that place ...
     distance_m: float = 4.0  # ... up to this distance
     keep_s: float = 4.0  # credit of the current goal

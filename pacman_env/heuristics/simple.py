@@ -27,7 +27,7 @@ class Nearest(BasePolicy):
         return np.where(allowed, -situation.path_robot, -np.inf)
 
     def select(self, situation: Situation) -> Indices:
-        """Return the nearest pellet (N,), the first one in a tie, or the current one unless beaten by the margin."""
+        """Return the nearest pellet (N,), the first one in a tie; keep the current one unless beaten by the margin."""
         goal = super().select(situation)
         scores = self.scores(situation)
         games, current = np.arange(len(goal)), situation.current
@@ -38,7 +38,7 @@ class Nearest(BasePolicy):
 
 @kernel
 def draw_numbers(seed: NDArray[np.uint64], tick: Indices, numbers: Floats) -> None:
-    """Write numbers (N, C) in [0, 1) by seed (N,), tick (N,) and candidate."""
+    """Write random ``numbers`` (N, C) in [0, 1) that only depend on seed (N,), tick (N,) and candidate."""
     for n in range(numbers.shape[0]):
         state = stream(stream(seed[n], POLICY), tick[n])
         for c in range(numbers.shape[1]):
@@ -66,7 +66,7 @@ class RandomPellet(Random):
     name = "random_pellet"
 
     def scores(self, situation: Situation) -> Floats:
-        """Return independent uniform numbers (N, C), and 1 for the current pellet."""
+        """Return independent uniform numbers (N, C) for allowed pellets, 1 for the current one, -inf for others."""
         numbers, pellets = super().scores(situation), situation.mask & (situation.kind == PELLET)
         is_current = np.arange(numbers.shape[1]) == situation.current[:, None]
         return np.where(pellets, np.where(is_current, 1.0, numbers), -np.inf)

@@ -22,7 +22,7 @@ PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
 _FORBIDDEN = -1e7  # logits below this mark forbidden candidates
 #: Features in explanations, in the units of ``sim/observation/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
-_Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # type, sizes; None: any
+_Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # by name: type and sizes (None: any)
 _OUTPUTS: _Nodes = {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))}
 
 
@@ -114,12 +114,12 @@ class LearnedPlanner(BasePolicy):
 
 
 def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
-    """Return the columns that a network reads, as an index: it may be older than some columns."""
+    """Return an index of a network's columns ``names`` among all columns ``known``, of which some may be newer."""
     return slice(None) if names == known else [known.index(name) for name in names]
 
 
 def _session(model: bytes, path: Path, threads: int, features: int, whole: int) -> Any:
-    """Create an onnxruntime session of a planner's model and test it once."""
+    """Create an onnxruntime session of a model with ``features`` and ``whole`` input columns, and test it once."""
     try:
         import onnxruntime
     except ModuleNotFoundError:

@@ -39,7 +39,7 @@ class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, o
     global_features: tuple[str, ...]
     width: int  # width of the hidden layers
     dropped_features: tuple[str, ...]  # candidate features that the network does not get
-    dropped_kinds: tuple[str, ...]  # candidate features of kinds that it may not choose
+    dropped_kinds: tuple[str, ...]  # candidate features of the kinds that the network may not choose
     robot_speed_mps: Positive  # used for computing the features
     training: Training
     package_version: str

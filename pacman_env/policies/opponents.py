@@ -12,7 +12,7 @@ from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST
 from pacman_env.sim.core.parameters import draw_below
 from pacman_env.sim.observation.situation import Situation
 
-_OPPONENT = 32  # purpose of the draw, in addition to those in pacman_env/rng.py
+_OPPONENT = 32  # purpose number of the draw, different from the numbers in pacman_env/rng.py
 _SHARES = 1 << 20  # resolution of drawn shares
 
 
@@ -24,7 +24,7 @@ class BehaviourOpponent(BasePolicy):
         self._number = BEHAVIOUR_NAMES.index(name)
 
     def select(self, situation: Situation) -> NDArray[Any]:
-        """Return choices (N,) of type ``GHOST_CHOICE``: to behave in this way."""
+        """Return choices (N,) of type ``GHOST_CHOICE``: to follow the behaviour."""
         return choices_of(np.full(len(situation.mask), self._number), AS_BEHAVIOUR)
 
 

@@ -40,7 +40,7 @@ def choose(policy: Policy, situation: Situation) -> NDArray[np.int64]:
 
 
 def reset(policy: Policy, games: NDArray[np.bool_], config: Config) -> None:
-    """Call the policy's ``reset`` for the games (N,); raises PolicyError if that of a user's policy fails."""
+    """Call the policy's ``reset`` for the games (N,); raises PolicyError if it fails and is a user's."""
     with what_users_raise(type(policy), name_of(policy)):
         policy.reset(games, config)
 
@@ -73,7 +73,7 @@ def name_of(policy: Policy) -> str:
 
 @contextlib.contextmanager
 def what_users_raise(code: Any, name: str) -> Iterator[None]:
-    """Convert exceptions in the block to PolicyError if the class or function ``code`` is a user's."""
+    """Convert exceptions in the block to PolicyError if a user wrote the class or function ``code``."""
     try:
         yield
     except PolicyError:

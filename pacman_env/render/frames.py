@@ -45,7 +45,7 @@ class _Item(NamedTuple):
 
 
 def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
-    """Wrap items into lines of at most ``room`` px, with at least one item each."""
+    """Wrap items into lines of at most ``room`` px; a wider item has its own line, and no items give one empty line."""
     lines: list[list[_Item]] = [[]]
     for item in items:
         if lines[-1] and sum(i.width for i in lines[-1]) + item.width > room:
@@ -57,8 +57,8 @@ def _wrap(items: list[_Item], room: float) -> list[list[_Item]]:
 class MapView:
     """Common part of all frames of one map, configuration and height; ``wide`` makes it 16:9 for every map.
 
-    Widths and heights are in px, ``scale`` in px per m. ``enlarged`` is the factor by which robot and ghosts are drawn
-    larger than their real size to be visible.
+    Widths and heights are in px (``height`` even, at least 120), ``scale`` in px per m. ``enlarged`` is the factor by
+    which robot and ghosts are drawn larger than their real size to be visible.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class MapView:
         self.colours = THEMES[theme]
         self.assets, self.config, self.height, self._wide = assets, config, height, wide
         self.unit = height / 720
-        self.line = max(1.5 * self.unit, 0.9)  # width
+        self.line = max(1.5 * self.unit, 0.9)  # width of lines
         self._power = assets.power_pellets(config.power.pellets)
         self._corner, self._cells = _crop(assets)
         self._arrange()
@@ -94,7 +94,7 @@ class MapView:
         return self.assets.occupancy.origin[2] - heading
 
     def layer(self, alive: NDArray[np.bool_]) -> Image:
-        """Return the background with pellets drawn by ``alive`` (P,); the image is cached and must not be changed."""
+        """Return the cached image of the map with its pellets, remaining if ``alive`` (P,); it must not be changed."""
         return self._drawn(alive.tobytes())
 
     def _draw_layer(self, alive: bytes) -> Image:
@@ -104,7 +104,7 @@ class MapView:
         return picture
 
     def _arrange(self) -> None:
-        """Arrange header, map as large as possible, and legend, which is omitted if it needs too many lines."""
+        """Arrange header, map and legend: the largest possible map, and no legend if it needs too many lines."""
         height, unit = self.height, self.unit
         columns, rows = self._cells.tolist()
         margin = math.ceil(10 * unit)
@@ -246,7 +246,7 @@ map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
 def game_view(batch: GameBatch, game: int, height: int, theme: Theme = "light") -> MapView:
-    """Return the view of a game's map; all views of one batch have the same size."""
+    """Return the view of a game's map, ``height`` px high (even, at least 120); a batch's views have one size."""
     return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1, theme)
 
 
@@ -262,7 +262,7 @@ def render_frame(
     Args:
         batch: the games, which do not change.
         game: index of the game.
-        height: px, even.
+        height: height in px, an even number of at least 120.
         title: text at the upper left, such as the policy's name; None: only the map's name.
         theme: "light" or "dark": the colours.
 
@@ -331,7 +331,7 @@ def _draw_goal(image: Image, view: MapView, batch: GameBatch, game: int) -> None
 
 
 def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float64]:
-    """Return the part of a path (P, 2) outside of a disc, so that it does not fill Pac-Man's mouth."""
+    """Return the part of a path (P, 2), px, outside of a disc, so that the path does not fill Pac-Man's mouth."""
     outside = np.hypot(*(path - centre).T) > radius
     if not outside.any():
         return path[:0]
@@ -341,7 +341,7 @@ def _outside(path: NDArray, centre: NDArray, radius: float) -> NDArray[np.float6
 
 
 def _rest_of_plan(assets: MapAssets, cell: int, goal: int, end: NDArray) -> NDArray[np.float64]:
-    """Return the static path (M, 2) from the end of the navigator's written plan to the goal."""
+    """Return the static path (M, 2), m, from ``end``, the end of the navigator's plan at ``cell``, to the goal."""
     places: list[NDArray] = []
     if cell >= 0 and np.array_equal(assets.cell_xy[cell], end.astype(np.float32)):
         step = assets.next_step[goal]
@@ -364,7 +364,7 @@ def _draw_header(image: Image, view: MapView, batch: GameBatch, game: int, title
     symbols.paste(image, x + pad, upper, chip)
 
     def write(words: list[tuple[str, Colour, float]], row: float, cap: float, end: float) -> None:
-        """Write words with their colours and following gaps, px, up to the column ``end``."""
+        """Write words, each with its colour and the gap after it (px), up to the column ``end``."""
         at = left
         for word, colour, gap in words:
             picture = symbols.text(word, cap, colour == view.colours.text, colour, view.colours.header)

@@ -1,4 +1,4 @@
-"""The colours of frames, for each theme. :mod:`pacman_env.game` has those of ghosts and of the ends of rounds."""
+"""The colours of frames, for each theme. The colours of ghosts and round ends are in :mod:`pacman_env.game`."""
 
 from typing import Literal, NamedTuple
 

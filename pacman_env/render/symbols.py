@@ -130,7 +130,7 @@ def believed_pose(image: Image, palette: Palette, centre: NDArray, radius: float
 
 
 def pellet(image: Image, palette: Palette, centre: NDArray, radius: float, there: bool) -> None:
-    """Draw a pellet, or the faint ring of a collected one."""
+    """Draw a pellet if it is ``there``, or the faint ring of a collected pellet."""
     with _pen(image, centre, radius + 2) as pen:
         if there:
             pen.disc(centre, radius, palette.outline)

@@ -12,7 +12,7 @@ _making = threading.Lock()  # a second kernel from another thread would free the
 
 
 def target_of(view, constants):  # type: ignore[no-untyped-def]
-    """Represent a behaviour's function; copies of a kernel for one behaviour call the real one instead."""
+    """Stand for the function of a behaviour, which each copy of a kernel calls instead."""
 
 
 CONSTANTS = 0  # replaced by the number of the behaviour's constants

@@ -15,7 +15,7 @@ from pacman_env.world.maps.turning import moves_cells
 from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are artefacts of mapping and not counted
-SUSPICIOUS_SHARE = 0.01  # share of all pixels
+SUSPICIOUS_SHARE = 0.01  # share of all pixels above which there is a warning
 UNKNOWN_GREY = 216  # unknown cells are at most 205 or 216; brighter ones are Cartographer's free cells
 
 
@@ -35,9 +35,9 @@ class MapReport:
     width: int
     height: int
     resolution: float  # m per pixel
-    nav2_free_m2: float  # occupancy 0, which is free in Nav2's costmap
-    game_free_m2: float  # free by the game's rule
-    parts: int  # 4-connected parts of the game's free area with at least 0.1 m2
+    nav2_free_m2: float  # area with occupancy 0, which is free in Nav2's costmap
+    game_free_m2: float  # area that is free by the game's rule
+    parts: int  # number of 4-connected parts of the game's free area with at least 0.1 m2
     largest_part_m2: float
     home: tuple[float, float] | None  # start of the robot, m; None: it fits nowhere
     pellets: tuple[PelletPlace, ...]  # sorted by id
@@ -79,7 +79,7 @@ def check_map(
     """Check a map and the pellets of Algorithm 1 on it, (P, 2) in m, under the rules of an environment.
 
     The robot starts at ``home``, m. If it does not fit there, it starts at the widest place of the largest part.
-    Remedies name the map's ``file``.
+    Suggested remedies contain ``file``, the name of the map's file.
     """
     free, nav2_free = map.game_free(config.pellets.free_grey), map.occupancy == 0
     cell_m2 = map.resolution**2

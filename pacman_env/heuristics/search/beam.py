@@ -2,8 +2,9 @@
 
 Nodes are stored in layers by time. The best nodes of each layer are continued; of nodes with the same place, goal and
 pellets only the best one. The value of a node is the worth of its collected pellets (more for earlier ones), reduced if
-a ghost came near. Its safety is also reduced for a short lead, and counts at the end of the horizon. In all kernels
-``s`` is a record of ``SETTINGS`` and ``model`` a ``Model``.
+a ghost came near, for a long way to the next pellet, and a little for a short lead. Its safety is the same number with
+the full reduction for a short lead; it counts at the end of the horizon. In all kernels ``s`` is a record of
+``SETTINGS`` and ``model`` a ``Model``.
 """
 
 from typing import Any, NamedTuple
@@ -20,7 +21,7 @@ NODE = np.dtype(
         *ROBOT,
         ("first", np.int32),  # index of the first choice
         ("value", np.float64),
-        ("safety", np.float64),  # value with the full worth of the lead
+        ("safety", np.float64),  # value with the full reduction for a short lead
     ]
 )
 #: Settings of the search.
@@ -30,21 +31,21 @@ SETTINGS = np.dtype(
         ("layers", np.int64),
         ("layer_s", np.float64),
         ("segment_s", np.float64),  # duration of a choice, unless its goal is reached before
-        ("pellets", np.int64),  # number of nearest pellets that are goals ...
+        ("pellets", np.int64),  # largest number of pellets, the nearest ones, among a node's goals ...
         ("refuges", np.int64),  # ... and of refuges
         ("pellet_worth", np.float64),
         ("second_worth", np.float64),  # value of collecting a pellet a second earlier
         ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # value of a full lead, in a node's safety ...
-        ("lead_share", np.float64),  # ... and the share of it in the value
-        ("lead_m", np.float64),  # path length of a full lead
-        ("metre_worth", np.float64),  # per metre to the nearest remaining pellet
-        ("near_worth", np.float64),  # if no ghost ever came near
+        ("lead_worth", np.float64),  # cost of no lead in a node's safety ...
+        ("lead_share", np.float64),  # ... and the share of this cost in its value
+        ("lead_m", np.float64),  # path length of a full lead, which costs nothing
+        ("metre_worth", np.float64),  # cost of each metre to the nearest remaining pellet
+        ("near_worth", np.float64),  # cost of a ghost at the robot, which falls to 0 at ``near_m``
         ("near_m", np.float64),
     ]
 )
-DEAD = -1000.0  # value of a first choice that always leads to death, plus the seconds until then
-PRUNED = -500.0  # added if no line was followed to the end
+DEAD = -1000.0  # value of a first choice that always leads to death; the seconds until death are added
+PRUNED = -500.0  # added to the value of a first choice if no line after it was followed to the end
 
 
 class BeamMemory(NamedTuple):
@@ -103,7 +104,10 @@ def _list_goals(node, model, s, refuges, goals):  # type: ignore[no-untyped-def]
 
 @kernel
 def _rate(node, ghosts, model, s, start_s, over):  # type: ignore[no-untyped-def]
-    """Set a node's value and safety, given its ghosts (G,); ``over`` is True if its line ends there."""
+    """Set a node's value and safety, given its ghosts (G,).
+
+    ``start_s`` is the time at the start of the search; ``over`` is True if the round ends at the node.
+    """
     value = s.pellet_worth * node.collected - s.second_worth * (node.collected_s - start_s * node.collected)
     if node.closest_m < s.near_m:
         value -= s.near_worth * (1.0 - node.closest_m / s.near_m)
@@ -132,9 +136,9 @@ def _same(a, b):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_best(nodes, order, count, width, kept):  # type: ignore[no-untyped-def]
-    """Add nodes of a layer, in ``order`` (indices), to the first ``count`` of ``kept``, without equivalent nodes.
+    """Append the indices ``order`` of a layer's nodes to ``kept``; skip nodes equivalent to a node in ``kept``.
 
-    Return the new count, at most ``width``.
+    ``kept`` contains ``count`` indices before. Return the new count, at most ``width``.
     """
     for k in range(len(order)):
         if count >= width:
@@ -161,7 +165,7 @@ def _keep(nodes, width, kept):  # type: ignore[no-untyped-def]
 
 @kernel
 def search(begin, choices, settings, room, best):  # type: ignore[no-untyped-def]
-    """Write the value ``best`` (R,) of the best line that starts with each goal ``choices`` (R,).
+    """Write to ``best`` (R,) the value of the best line that starts with each of the goals ``choices`` (R,).
 
     ``begin`` is a ``CoarseStart`` whose robot is a ``NODE``, ``settings`` (1,) are SETTINGS, and ``room`` is a
     ``BeamMemory``. Returns the number of played segments.

@@ -26,8 +26,8 @@ class SearchParameters(NamedTuple):
     """Parameters of the search, tuned by hand."""
 
     nodes: int = 12_500  # largest number of segments per decision
-    milliseconds: float = 0.0  # above 0: a time limit instead, with searches of increasing width
-    samples: int = 2  # futures of wandering ghosts, if there are other ghosts
+    milliseconds: float = 0.0  # if above 0: time limit for searches of increasing width, in place of ``nodes``
+    samples: int = 2  # number of random futures if a ghost is not predictable
     horizon_s: float = 48.0
     layer_s: float = 3.0
     segment_s: float = 3.0
@@ -36,11 +36,11 @@ class SearchParameters(NamedTuple):
     pellet_worth: float = 10.0
     second_worth: float = 0.1  # value of collecting a pellet a second earlier
     completion_worth: float = 20.0
-    lead_worth: float = 40.0  # value of a full lead, in a node's safety ...
-    lead_share: float = 0.125  # ... and the share of it in the value
-    lead_m: float = 3.0  # path length of a full lead
-    metre_worth: float = 0.5  # per metre to the nearest remaining pellet
-    near_worth: float = 12.0  # if no ghost ever comes within near_m, straight
+    lead_worth: float = 40.0  # cost of no lead in a node's safety ...
+    lead_share: float = 0.125  # ... and the share of this cost in its value
+    lead_m: float = 3.0  # path length of a full lead, which costs nothing
+    metre_worth: float = 0.5  # cost of each metre to the nearest remaining pellet
+    near_worth: float = 12.0  # cost of a ghost at the robot, which falls to 0 at the straight distance ``near_m``
     near_m: float = 0.9
     keep_worth: float = 3.0  # value of keeping the current goal
     seed: int = 0  # seed of the futures
@@ -120,7 +120,7 @@ class Search(BasePolicy):
         return tuple(names)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
-        """Return the value (N, C) of the best line per candidate, or the base policy's scores without predictions."""
+        """Return the value (N, C) of each candidate's best line, or the base's scores if no ghost is predictable."""
         p = self.parameters
         behaviours = [self.behaviours(situation, i) for i in range(len(situation))]
         searched = np.array([any(is_predictable(find_behaviour(name)) for name in names) for names in behaviours])
@@ -141,7 +141,7 @@ class Search(BasePolicy):
     def _values(
         self, situation: Situation, i: int, candidates: NDArray[np.int64], names: tuple[str, ...]
     ) -> NDArray[np.float64]:
-        """Return the values (R,) of the candidates of one situation with these behaviours of the ghosts."""
+        """Return the values of ``candidates`` (R,) in situation ``i`` if the ghosts have the behaviours ``names``."""
         began = time.perf_counter()
         p, behaviours = self.parameters, [find_behaviour(name) for name in names]
         if names not in self._prepared:
@@ -158,7 +158,10 @@ class Search(BasePolicy):
         return values + p.keep_worth * (candidates == situation.current[i])
 
     def _search(self, begin: CoarseStart, goals: NDArray[np.int64], samples: int, until: float) -> NDArray[np.float64]:
-        """Return the values (R,) of one future, with its share of the nodes or until the ``perf_counter`` time."""
+        """Return the values of ``goals`` (R,) in one of ``samples`` futures.
+
+        The future gets its share of the nodes, or the time until ``until`` (s, ``time.perf_counter``).
+        """
         p, settings = self.parameters, self._settings
         best = np.empty(len(goals))
         width = _NARROWEST
@@ -179,12 +182,12 @@ class Search(BasePolicy):
 
 
 def alone(**parameters: Any) -> Search:
-    """Return ``search:alone``, which uses ``lookahead`` as base policy and therefore nothing learned."""
+    """Return the policy ``search:alone``, which uses ``lookahead`` as base policy, so that nothing is learned."""
     policy = Search(base="lookahead", **parameters)
     policy.name = "search:alone"
     return policy
 
 
 def is_predictable(behaviour: Behaviour) -> bool:
-    """Return True if a ghost's view determines its target."""
+    """Return True if a ghost with this behaviour has a target that only depends on its view."""
     return behaviour.target is not None and behaviour.name != WANDER

@@ -1,6 +1,7 @@
 """Blocks of 0.2 m of a map, with the robot's paths to all goals and the ghosts' paths between all blocks.
 
 A block consists of the cells of one square that are connected inside it. Its place is the cell nearest to their mean.
+In kernels ``start`` and ``ends`` are the results of :func:`joined_blocks`; ``cost`` (E,) is the way to each end, mm.
 """
 
 import math
@@ -26,10 +27,10 @@ _BESIDE_M = 0.7  # a ghost at this straight distance may reach the robot on anot
 _PULL_CM = 5  # the next block's path to the goal is shorter by at least this
 _MM = 1000.0
 _FAR = 2**30  # mm
-_TARGETS = 64  # in one search
+_TARGETS = 64  # number of targets in one search
 _TIED = 255  # instead of a next block: several are equally good
 _LONGEST = 65_535
-_HALF = 16  # values that fit into half a byte
+_HALF = 16  # number of values that fit into half a byte
 
 
 class CoarseArrays(NamedTuple):
@@ -48,7 +49,7 @@ class CoarseArrays(NamedTuple):
     ghost_xy: Any = Array(np.float64, "A 2")  # m
     ghost_length: Any = Array(np.uint16, "p")  # path between blocks in units of ``unit_m``, see ``units_between``
     unit_m: Any = Array(np.float64, "1")
-    ghost_joined: Any = Array(np.int16, "A N")  # each block and its adjacent blocks
+    ghost_joined: Any = Array(np.int16, "A N")  # row a: block a, then its adjacent blocks
     ghost_next: Any = Array(np.uint8, "q")  # column of ``ghost_joined`` that leads to a target, see ``next_block``
     ghost_beside: Any = Array(np.int32, "B 2")  # ghost blocks nearest to a robot block, on both sides of a wall
     ghost_corner: Any = Array(np.int32, "4")  # block of each ghost corner
@@ -221,7 +222,7 @@ def joined_blocks(
 
 @kernel
 def _join(block, neighbours, joined):  # type: ignore[no-untyped-def]
-    """Set ``joined`` (B, B) for each pair of blocks with neighbouring cells, each block with itself included."""
+    """Set ``joined`` (B, B) to True for all pairs of blocks with neighbouring cells, also of a block with itself."""
     for k in range(len(block)):
         for d in range(neighbours.shape[1]):
             if neighbours[k, d] >= 0:
@@ -256,10 +257,7 @@ def between_all(
 
 @kernel
 def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
-    """Fill ``length`` (A, A), mm, with the lengths of the shortest paths, for ``_TARGETS`` targets at a time.
-
-    ``cost`` (E,), mm, are the lengths of the edges ``ends`` (E,) of :func:`joined_blocks`.
-    """
+    """Fill ``length`` (A, A), mm, with the lengths of the shortest paths; ``cost`` (E,) is in mm."""
     count = len(length)
     least = np.empty((count, _TARGETS), np.int32)
     for first in range(0, count, _TARGETS):
@@ -279,7 +277,7 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
 
 @kernel
 def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
-    """Lower ``least`` (A, _TARGETS) from block ``first`` on, in sweeps over changed blocks until none changes."""
+    """Lower the lengths ``least`` (A, _TARGETS), mm, of the blocks from ``first`` on, in sweeps until none changes."""
     count = len(start) - 1
     changed = np.ones(count, np.bool_)
     left, sweep = count, 0
@@ -302,7 +300,7 @@ def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lower(own, via, cost):  # type: ignore[no-untyped-def]
-    """Lower the lengths ``own`` (_TARGETS,) of a block to those via its neighbour; return True if one was lowered."""
+    """Lower the lengths ``own`` (_TARGETS,) of a block to a neighbour's ``via`` + ``cost``; True if one changed."""
     lowered = np.int32(0)
     for k in range(_TARGETS):
         new = np.int32(via[k] + cost)
@@ -313,9 +311,9 @@ def _lower(own, via, cost):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_next(start, ends, cost, length, following):  # type: ignore[no-untyped-def]
-    """Fill ``following`` (A, A) with the next block (a column) for each block and target, or _TIED.
+    """Fill ``following`` [block, target] (A, A) with columns of the table of adjacent blocks: the next block, or _TIED.
 
-    Of the adjacent blocks on shortest paths, the one nearest to the target is next: the one with the longest step.
+    If several adjacent blocks are on shortest paths, the block nearest to the target, at the longest step, is next.
     """
     best, dearest = np.empty(len(length), np.int32), np.empty(len(length), np.int32)
     for v in range(len(length)):
@@ -337,7 +335,7 @@ def _settle_ties(targets, blocks, start, cost, length, joined, following):  # ty
 
     Choose the block that Dijkstra's algorithm would choose if it started at the target and its queue popped the newest
     of equal entries first. The pairs must be sorted by path length, so that the next blocks of all nearer blocks are
-    known.
+    known. ``following`` (A, A) is [target, block], and ``joined`` (A, N) the table of adjacent blocks.
     """
     for i in range(len(targets)):
         t, v = targets[i], blocks[i]
@@ -365,7 +363,10 @@ def _is_settled_first(a, b, length, joined, following):  # type: ignore[no-untyp
 
 
 def packed(numbers: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-    """Return a flat array of ``numbers``; if ``most`` values fit into half a byte, two share one, low half first."""
+    """Return ``numbers``, which are below ``most``, as a flat array.
+
+    If ``most`` is at most 16, two numbers share a byte, the first one in the low half.
+    """
     if most > _HALF:
         return numbers.reshape(-1)
     even = np.append(numbers, np.zeros(numbers.size % 2, np.uint8))
@@ -383,7 +384,10 @@ def next_block(m, target, block):  # type: ignore[no-untyped-def]
 
 @kernel
 def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[no-untyped-def]
-    """Return length, next block and heading of the robot's path from each block's place to each goal, (B, G) each."""
+    """Return length (m), next block and heading (rad) of the path from each block to each goal, (B, G) each.
+
+    ``place`` (B,) are the blocks' cells and ``block`` (K,) each cell's block; ``ahead`` cells decide the heading.
+    """
     blocks, goals = len(place), length_cm.shape[1]
     length = np.full((blocks, goals), np.inf, np.float32)
     following = np.full((blocks, goals), NO_BLOCK, np.int32)
@@ -417,9 +421,10 @@ def _ways(place, block, length_cm, next_step, cell_xy, ahead):  # type: ignore[n
 
 @kernel
 def _nearby_blocks(place, ghost_place, length):  # type: ignore[no-untyped-def]
-    """Return the ghost blocks (B, 2) at each place: the nearest, and the one within _BESIDE_M farthest from it by path.
+    """Return for each place (B, 2) the nearest ghost block, and the block within _BESIDE_M farthest from it by path.
 
-    A ghost can reach a robot near a wall from both sides, and a centimetre can decide which path is shorter.
+    A ghost can reach a robot near a wall from both sides, and a centimetre can decide which path is shorter. ``place``
+    (B, 2) and ``ghost_place`` (A, 2) are in m, ``length`` (A, A) in mm.
     """
     beside = np.zeros((len(place), 2), np.int32)
     squares, near = np.empty(len(ghost_place)), np.empty(len(ghost_place), np.int32)

@@ -2,7 +2,7 @@
 
 At every step each ghost decides with the function of its behaviour (``game/ghosts.py``). A wandering ghost draws its
 targets from its own random stream. In all kernels ``robot`` is a record of ``ROBOT``, ``ghost`` a record of ``GHOST``,
-``m`` are ``CoarseArrays``, and ``p`` is a record of ``RULES``.
+``model`` is a ``Model``, ``m`` are ``CoarseArrays``, and ``p`` is a record of ``RULES``.
 """
 
 import math
@@ -45,11 +45,11 @@ RULES = np.dtype(
 #: State of the robot and its pellets.
 ROBOT = [
     ("block", np.int32),
-    ("goal", np.int32),  # the current one, or NOWHERE
+    ("goal", np.int32),  # current goal, or NOWHERE
     ("then", np.int32),  # the goal that replaces it after ``then_s``, or UNCHANGED
     ("reached", np.bool_),  # reached a goal in this step
     ("then_s", np.float64),
-    ("wait_s", np.float64),  # left for turning
+    ("wait_s", np.float64),  # time left for turning
     ("left_m", np.float64),  # path length to the goal
     ("heading", np.float64),  # rad
     ("x", np.float64),  # m
@@ -90,7 +90,7 @@ class Lags(NamedTuple):
 
 
 def rules(config: Config, lags: Lags) -> NDArray[Any]:
-    """Return a record (1,) of type RULES."""
+    """Return the constants of the model, a record (1,) of type RULES."""
     record = np.zeros(1, dtype=RULES)
     record["speed"] = lags.speed_share * config.robot.speed_mps
     for (name, _), value in zip(START_FIELDS, start_values(config), strict=True):
@@ -221,7 +221,7 @@ def begin(robot, goal, left_m, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def choose(robot, goal, model):  # type: ignore[no-untyped-def]
-    """Apply the planner's choice (NOWHERE: stop); a driving robot follows its old path for ``switch_s`` first."""
+    """Apply the choice of a goal (NOWHERE: stop); a driving robot follows its old path for ``switch_s`` first."""
     p = model.rules[0]
     if goal == robot.goal and robot.then == UNCHANGED:
         return
@@ -268,7 +268,7 @@ def _advance(robot, span, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _collect(robot, bit):  # type: ignore[no-untyped-def]
-    """Collect the pellet with a bit, if it is left."""
+    """Collect the pellet of the bit number ``bit``, if it is left."""
     one = np.uint64(1) << np.uint64(bit)
     if robot.pellets & one:
         robot.pellets ^= one
@@ -298,7 +298,11 @@ def _drive(robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def ask(table, ghost, robot, corner):  # type: ignore[no-untyped-def]
-    """Return the target (x, y), m, of a ghost that sees the robot's pose (3,); NaN if it wanders or raises an error."""
+    """Return the target (x, y), m, of a ghost that sees the pose ``robot`` (3,) and has its own ``corner`` (x, y), m.
+
+    The result is (NaN, NaN) if the ghost wanders or its behaviour raises an error. ``table`` is the address of
+    ``BehaviourArrays``.
+    """
     a, k = behaviour_arrays(table), ghost.number
     if a.behaviours[k, 0] == 0:
         return math.nan, math.nan
@@ -323,7 +327,7 @@ def _decide(ghost, robot, model):  # type: ignore[no-untyped-def]
 
 @kernel
 def _walk(ghost, m, seconds):  # type: ignore[no-untyped-def]
-    """Move a ghost for some seconds along the shortest path to its target block."""
+    """Move a ghost for ``seconds`` along the shortest path to its target block."""
     x, y, target, unit = ghost.x, ghost.y, ghost.target, m.unit_m[0]
     if ghost.towards != ghost.block:
         length = units_between(m, ghost.block, ghost.towards) * unit

@@ -39,7 +39,7 @@ from .model import (
     rules,
 )
 
-_FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # longest play to a candidate, while holding, after arriving
+_FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # longest time played: to a candidate, while holding, after arriving
 _WAYS = 4  # goals tried after arriving
 _FAR_M = 10.0
 _APART_M = 0.05  # the model's death radius is at least this much below the distance of the nearest ghost
@@ -73,7 +73,7 @@ class Outlook:
         self._tables: list[Table] = []  # of OutlookArrays, for each thread
 
     def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
-        """Return for each thread the address (1,) of its table of OutlookArrays, for at most ``goals`` goals."""
+        """Return for each thread the address (1,) of its OutlookArrays, for maps with at most ``goals`` goals."""
         own = self._tables[0].arrays if self._tables else None
         if own is None or own["ghosts"].shape[1] != ghosts or len(own["bit"]) != goals:
             self._tables = []
@@ -209,7 +209,7 @@ def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
             r[WAYS_ON] = 1.0
             continue
         ways = _list_ways(way, model, a.goals)
-        for k in range(ways + 1):  # the last one stays
+        for k in range(ways + 1):  # in the last play the robot stays
             robots[2] = robots[1]
             copy_ghosts(moving, last)
             play(after, last, a.goals[k] if k < ways else np.int64(NOWHERE), way.time_s + _AFTER_S, model)

@@ -19,7 +19,7 @@ class CoarseStart(NamedTuple):
     """A coarse game that starts from a situation."""
 
     robot: NDArray[Any]  # (1,) with at least the fields of ROBOT
-    ghosts: NDArray[Any]  # records GHOST of the harmful ghosts
+    ghosts: NDArray[Any]  # (G,) records GHOST of the ghosts that are not harmless
     goals: NDArray[np.int64]  # (C,) goal of each candidate; NOWHERE: hold or padding
     model: Model
     pellets: int  # goals below this number are pellets
@@ -33,7 +33,10 @@ def start(
     lags: Lags,
     robot: np.dtype[Any] | None = None,
 ) -> CoarseStart:
-    """Return the coarse game of situation ``i``; ``robot`` is the robot's dtype. Raises ValueError without maps."""
+    """Return the coarse game of situation ``i``, with a robot of the dtype ``robot`` (None: ROBOT).
+
+    Raises ValueError if the situation has no maps.
+    """
     s, level = situation, maps_of(situation).level(int(situation.level[i]))
     bit = np.full(level.facts.pellets + level.facts.refuges, -1, dtype=np.int8)
     pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))

@@ -271,7 +271,7 @@ class GameBatch(GameState):
                 break
 
     def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Play ticks without starting the round after a completed one."""
+        """Play ticks with the options of :meth:`prepare_ticks`; each game stops after a completed round."""
         self.prepare_ticks(watch=watch, most=most, fresh=fresh)
         if self.after_physics_step is not None:
             for step in range(1, self.substeps + 1):
@@ -295,7 +295,10 @@ class GameBatch(GameState):
         return ticks.play, self._tables
 
     def resume(self, waiting: int) -> None:
-        """Continue until no game waits for a physics space; raises the exception of a ghost's behaviour, if any."""
+        """Continue until no game waits for a physics space; ``waiting`` is the result of the tick stage.
+
+        Raises the exception of a ghost's behaviour, if any.
+        """
         while waiting:
             if waiting < 0:
                 self.games["stage"] = ticks.BEGIN
@@ -311,7 +314,10 @@ class GameBatch(GameState):
         self._ghosts.send(None)
 
     def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Set the options of the next call of the tick stage."""
+        """Set the options of the next call of the tick stage, which plays at most ``most`` ticks of each game.
+
+        With ``watch``, a game stops when its next decision is due; with ``fresh``, a new decision begins.
+        """
         if self._history.make_room(self.games, 1 if most == 1 else self._longest):
             self._discard_tables()
         control = self._control

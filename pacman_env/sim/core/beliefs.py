@@ -42,8 +42,9 @@ def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
     """Return which share of its possible destinations a ghost approached, and the destinations that remain possible.
 
     ``places`` are the possible destinations, as bits. ``before`` and ``now`` are path lengths of the ghost to all goals
-    in cm, of which at most 64 are used. If the ghost approached none of ``places``, the share is 0. The goals that it
-    did approach then become its possible destinations (all goals if it approached none).
+    in cm, of which at most 64 are used, and ``moved_m`` is the length of its move. If the ghost approached none of
+    ``places``, the share is 0. The goals that it did approach then become its possible destinations (all goals if it
+    approached none).
     """
     count, going, left, ahead = min(len(before), _PLACES), 0, np.int64(0), np.int64(0)
     for k in range(count):
@@ -65,7 +66,8 @@ def places_left(before, now, moved_m, places):  # type: ignore[no-untyped-def]
 def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[no-untyped-def]
     """Update the beliefs about a game's ghosts (G,).
 
-    ``robot`` is the robot's believed position (x, y), m, and ``level`` the address of a level.
+    ``robot`` is the robot's believed position (x, y), m, ``paths`` (G, L) are the ghosts' paths, and ``level`` is the
+    address of a level. Within ``arcade_m`` of the robot ``arcade`` turns away; a tick lasts ``tick_s``.
     """
     a = level_arrays(level)
     snap, length_cm = a.snap, a.length_cm

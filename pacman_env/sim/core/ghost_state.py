@@ -87,7 +87,7 @@ def wander_on(ghost, path, level, search):  # type: ignore[no-untyped-def]
 
 @kernel
 def head_for(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
-    """Redirect a ghost to another cell at once: to the next cell of its path, then along the shortest path, if any."""
+    """Redirect a ghost at once: to the next cell of its path, then on the shortest path to ``target``, if any."""
     part = level.ghost_part
     node, queue = search
     current = path[ghost.path_index]
@@ -116,7 +116,7 @@ def _go(ghost, path, target, level, search):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cell_of(chosen, g, level, p):  # type: ignore[no-untyped-def]
-    """Return the cell to which a choice sends a ghost, or -1 if it wanders; the game or map may lack the place."""
+    """Return the cell to which a choice sends a ghost, or -1 (wander) if its game or map has no such place."""
     value = chosen.value
     if chosen.kind == TO_CELL and value < len(level.ghost_part):
         return value
@@ -129,7 +129,7 @@ def _cell_of(chosen, g, level, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def decide(table, i):  # type: ignore[no-untyped-def]
-    """Choose the targets of a game's ghosts that do not just wander; return False if a behaviour raised an error."""
+    """Choose targets for the ghosts of game i that have a behaviour or policy; return False if a behaviour failed."""
     a = _arrays(table)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
@@ -200,7 +200,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
 
 
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
-    """Choose the target of a ghost of game i; ``which`` = row of the behaviour * G + number of the ghost."""
+    """Choose the target of a ghost of game i; ``which`` is the row of its behaviour * G + its number. Return 0."""
     a = _arrays(table)
     row, number = divmod(which, a.ghosts.shape[1])
     constants = reals_at(a.behaviours[row, 1], CONSTANTS)
@@ -290,7 +290,7 @@ class Ghosts:
                 self._use(row, _TABLE[k])
 
     def bind(self, levels: LevelSlots, hold: int) -> None:
-        """Set the levels that the ghosts walk on and ``hold``, the last candidate."""
+        """Set the levels that the ghosts walk on and the number ``hold`` of the candidate "hold"; erase all paths."""
         self._levels, self._hold = levels, hold
         self._most = np.array([0, hold, len(_TABLE) - 1, levels.sizes.ghost_cells - 1])  # largest value by kind
         # A ghost that turns round between two cells first walks to the second one.
@@ -353,7 +353,7 @@ class MapGhosts:
 
     @property
     def poses(self) -> list[Pose]:
-        """Position and last direction of motion of each ghost."""
+        """Position, m, and last direction of motion, rad, of each ghost."""
         state = self._ghosts.state[0]
         return [(float(g["x"]), float(g["y"]), h) for g, h in zip(state, self._headings, strict=True)]
 
@@ -395,7 +395,7 @@ class MapGhosts:
             self.place(number, int(cells[pick]))
 
     def decide(self, choices: NDArray[Any] | None = None) -> None:
-        """Choose targets of ghosts that do not wander; ``choices`` (G,) are those of :meth:`Ghosts.send`."""
+        """Choose the targets of ghosts that do not wander; ``choices`` (G,) are as in :meth:`Ghosts.send`."""
         self._ghosts.send(None if choices is None else choices[None])
         decide(self._table.address, 0)
 

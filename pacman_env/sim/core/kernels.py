@@ -94,7 +94,7 @@ def reset_robot(g, home):  # type: ignore[no-untyped-def]
 
 @kernel
 def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped-def]
-    """Initialize rounds of the games ``index`` (M,) from their first records ``fresh`` (M,)."""
+    """Initialize rounds of the games ``index`` (M,) from their first records ``fresh`` (M,) and ``seeds`` (M,)."""
     for k in range(len(index)):
         i = index[k]
         games[i] = fresh[k]
@@ -106,8 +106,8 @@ def reset_robots(games, index, seeds, fresh, levels):  # type: ignore[no-untyped
 def reset_ghosts(games, index, ghosts, paths, obstacles, wander_first, levels, use_tf):  # type: ignore[no-untyped-def]
     """Place the ghosts of the games ``index`` (M,) on random spawn cells.
 
-    ``ghosts`` (N, G), ``paths`` (N, G, L) and ``obstacles`` (N, G, 5) belong to all games; ``wander_first`` is a mask
-    (G,).
+    ``ghosts`` (N, G), ``paths`` (N, G, L) and ``obstacles`` (N, G, 5) belong to all games. ``wander_first`` is a mask
+    (G,), and ``levels`` (L,) are the addresses of the levels by slot.
     """
     for i in index:
         g = games[i]
@@ -137,7 +137,7 @@ def allowed(a, g, i, candidate, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
-    """Apply an event of Algorithm 4 to game i, cancel its goal if required, and return the action."""
+    """Apply an event of :func:`transition` at (x, y), m, to game i, cancel its goal if required; return the action."""
     g = a.games[i]
     collected, power, caught = g.collected, g.power, g.caught
     navigating = g.nav_state == navigator.ACTIVE or g.nav_next >= 0
@@ -170,7 +170,7 @@ def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
 
 @kernel
 def command(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Set the commanded velocities, m/s and rad/s, clipped to the limits of the base."""
+    """Set the commanded velocities, m/s and rad/s, clipped to the limits of the base and to driving forwards."""
     g.command_v, g.command_w = limit(max(v, 0.0), w, p)
 
 
@@ -188,7 +188,7 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
     """Run one controller step, which sets the force on the body for the next physics step.
 
-    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``clearance`` (H, W) is in cm.
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, ``affine`` (6,) maps m to cells, and ``clearance`` (H, W) is in cm.
     """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)

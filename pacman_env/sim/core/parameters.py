@@ -65,7 +65,7 @@ _CLEAR_OF_WALLS_M = 0.05  # beyond the inscribed radius; roll-outs prefer a larg
 
 
 def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: int) -> dict[str, float | int]:
-    """Return the constants of a batch in steps, m, s and rad; the type of each value is fixed."""
+    """Return the constants of a batch by name, in physics steps, m, s and rad; the type of each value is fixed."""
     dt = config.physics_step_s
     robot, nav2, mppi, execution, loc = config.robot, config.nav2, config.mppi, config.execution, config.localization
 
@@ -165,7 +165,7 @@ KEPT_FROM_ROUND_TO_ROUND = (*_DRAWN.values(), "error_kept", "episode_seed", "rou
 
 
 def draw_episodes(seeds: NDArray[np.uint64], config: Config) -> NDArray[Any]:
-    """Return records (M,) of new games with the fixed parameters and those drawn from each seed."""
+    """Return records (M,) of new games with fixed parameters and the parameters drawn from each seed."""
     c, local = config, config.localization
     fresh = np.zeros(len(seeds), dtype=GAME)
     fresh["episode_seed"], fresh["round"] = seeds, 1

@@ -217,7 +217,7 @@ class SimulatedRobot:
     def set_velocity(self, v: float, omega: float, *, backwards: bool = False) -> None:
         """Command a velocity, m/s and rad/s, for half a second, or for one step while the navigator drives.
 
-        A negative ``v`` counts as 0, like on a base with safety enabled, unless ``backwards``; then limits apply.
+        A negative ``v`` counts as 0, as on a base with safety enabled, unless ``backwards``. The base's limits apply.
         """
         _check_finite("velocity", (v, omega))
         self._velocity, self._backwards = (float(v), float(omega), self.steps), backwards
@@ -346,7 +346,7 @@ def _filtered(g: Any, pose: Pose) -> Pose:
 
 
 def _converge_to(g: Any, pose: Pose, believed: Pose | None) -> None:
-    """Let the filter converge to ``believed`` and move its error accordingly (None: no change)."""
+    """Let the filter, with its error, move to ``believed`` while the true pose is ``pose`` (None: no change)."""
     if believed is None:
         return
     _set_bias(g, (believed[0] - pose[0], believed[1] - pose[1], wrap(believed[2] - pose[2])))

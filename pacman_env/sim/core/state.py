@@ -86,7 +86,7 @@ class RoundSoFar(NamedTuple):
     game: int
     level: int
     began: Any  # first record of the round, with its seed
-    decisions: NDArray[Any]  # (T,) or (T, 2)
+    decisions: NDArray[Any]  # candidates (T,), or velocities (T, 2) if the action is "velocity"
     ghost_choices: NDArray[Any]  # (T, G) of type ``GHOST_CHOICE``; (0, G) if no ghost is controlled by a policy
 
 

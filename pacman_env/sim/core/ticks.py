@@ -83,7 +83,7 @@ BEGIN, _STEP, MOVE = range(3)  # next stage of a tick: its start, a physics step
 
 @table_kernel
 def choose(table, first, last):  # type: ignore[no-untyped-def]
-    """Convert actions to choices; the robot holds if an action stands for no candidate."""
+    """Convert the actions of the games ``first`` to ``last - 1`` to choices; hold if an action is no candidate."""
     a = _choice_arrays(table)
     hold = a.mask.shape[1] - 1
     for i in range(first, last):
@@ -94,7 +94,7 @@ def choose(table, first, last):  # type: ignore[no-untyped-def]
 
 @table_kernel
 def play(table, first, last):  # type: ignore[no-untyped-def]
-    """Play ticks of the games ``first`` to ``last`` under ``control``; games that have ended or sleep stand still.
+    """Play ticks of the games ``first`` to ``last - 1`` under ``control``; games that ended or sleep stand still.
 
     Returns how many games wait for a physics space (stage ``MOVE``), or -1 - i if a behaviour failed in game i.
     """

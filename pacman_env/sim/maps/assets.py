@@ -40,8 +40,8 @@ _CORNERS = ((-1, -1), (1, 1), (-1, 1), (1, -1))
 class GhostTargets(NamedTuple):
     """Target cells for ghosts, in the ghosts' connected part that overlaps the robot's area."""
 
-    snap: NDArray[np.int32]  # (H, W) nearest cell of each drive-grid cell
-    place: NDArray[np.int32]  # (G,) cell nearest to each goal, -1: too far away
+    snap: NDArray[np.int32]  # (H, W) nearest ghost cell of each drive-grid cell
+    place: NDArray[np.int32]  # (G,) ghost cell nearest to each goal, -1: too far away
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +228,7 @@ def path_fields(grid: DriveGrid, goal_cell: NDArray[np.int32], fields: PathField
 def choose_refuges(
     grid: DriveGrid, clyde: ClydeCells, part: int, config: RefugeConfig, fields: PathFields | None = None
 ) -> NDArray[np.float64]:
-    """Return refuges (R, 2) in m: the home position, up to ``nooks`` nooks, up to ``spread`` places far from these."""
+    """Return refuges (R, 2), m: home, at most ``nooks`` nooks, and at most ``spread`` places far from other refuges."""
     home = grid.nearest_cell(grid.home[0], grid.home[1], 1.0)
     nooks = _nooks(grid, clyde, part, config)
     spread = _spread(grid, fields or grid.path_fields(), [home, *nooks], config)
@@ -259,7 +259,7 @@ def _spread(grid: DriveGrid, fields: PathFields, given: list[int], config: Refug
 
 @kernel
 def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
-    """Lower ``nearest`` (K,) to the path lengths to one more place, ``length_cm`` (K,).
+    """Lower ``nearest`` (K,), path lengths to the nearest place, to the lengths ``length_cm`` (K,) to one more place.
 
     Return the cell of the mask ``roomy`` (K,) that is then farthest.
     """
@@ -272,7 +272,7 @@ def _lower_lengths(nearest, length_cm, roomy):  # type: ignore[no-untyped-def]
 
 
 def _numbers_on(grid: DriveGrid, clyde: ClydeCells, part: int) -> NDArray[np.int32]:
-    """Return the number (H, W) of the ghost cell of a connected part in each grid cell, -1: none."""
+    """Return for each grid cell (H, W) the number of its ghost cell, or -1 without a ghost cell in ``part``."""
     number = np.full(grid.shape, -1, dtype=np.int32)
     _put(number, grid.affine, clyde.position, clyde.cells_in(part))
     return number

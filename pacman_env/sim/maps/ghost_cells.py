@@ -33,7 +33,7 @@ class ClydeCells:
     position: NDArray[np.float64]  # (K, 2) m
     graph: NDArray[np.int32]  # (K, 16) data of the path search, one cache line per cell: see the properties
     part: NDArray[np.int32]  # (K,) connected part, the largest is 0
-    part_start: NDArray[np.int64]  # (parts + 1,) into part_cells
+    part_start: NDArray[np.int64]  # (parts + 1,) index of each part's first cell in part_cells
     part_cells: NDArray[np.int32]  # (K,) cells sorted by part
     longest: int  # upper bound of the number of cells of a path
 
@@ -58,7 +58,10 @@ class ClydeCells:
         return int(index if cells is None else cells[index]), math.sqrt(square)
 
     def start_cells(self, config: ClydeConfig, part: int, places: Iterable[tuple[float, float]]) -> NDArray[np.int32]:
-        """Return the cells at least ``spawn_distance_m`` from all places (m), or the farthest one if there are none."""
+        """Return the cells of a part that are at least ``spawn_distance_m`` from all ``places`` (x, y), m.
+
+        If there are none, return the cell that is farthest from the places.
+        """
         cells = self.cells_in(part) if config.spawn == "connected" else self.part_cells
         nearest = _distances(self.position, cells, np.array(list(places), dtype=np.float64).reshape(-1, 2))
         far = cells[nearest >= config.spawn_distance_m]
@@ -133,7 +136,7 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
     """Fill the landmark columns of ``graph`` and return an upper bound of the number of cells of a path.
 
     Each landmark is the cell of a part that is farthest from all previous ones. A path has at most as many cells as its
-    part, and as a path that takes a detour via one fixed cell of the part.
+    part, and at most as many as a path with a detour via one fixed cell of the part.
     """
     count, width = len(graph), columns + 2
     place = np.empty(count, np.int32)  # in a flat image with a margin
@@ -177,10 +180,11 @@ def _landmarks(graph, part_cells, part_start, rows, columns):  # type: ignore[no
 
 @kernel
 def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-untyped-def]
-    """Fill ``cost`` int32 with the exact cost of a path from ``source`` to each place, _FAR if there is no path.
+    """Fill ``cost`` (P,) int32 with the lowest cost of a path from ``source`` to each place; _FAR: no path.
 
-    Dijkstra's algorithm with buckets of 64, less than the cost of any step, so the order in a bucket does not matter.
-    ``steps`` has one bit per allowed step; ``came`` uint8 and ``queue`` int32 are scratch memory.
+    Dijkstra's algorithm with buckets of 64, less than the cost of any step, so the order in a bucket does not matter. A
+    place is an index of a flat image with a margin, ``width`` wide. A straight step costs STRAIGHT. ``steps`` (P,) has
+    one bit per allowed step; ``came`` (P,) uint8 and ``queue`` (16 per cell + 2,) int32 are scratch memory.
     """
     offset = np.empty(16 + 8, np.int64)
     for i in range(len(offset)):
@@ -221,8 +225,9 @@ def _costs_from(steps, width, source, cost, came, queue):  # type: ignore[no-unt
 
 @kernel
 def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
-    """Return a lower bound of the cost from ``cell``, by octile distance and three landmarks (columns a, b, c).
+    """Return a lower bound of the cost of a path from ``cell`` to the goal; a straight step costs STRAIGHT.
 
+    It is the largest of the bounds by octile distance and by three landmarks, columns a, b, c of ``graph`` (K, 16).
     ``goal`` is (u, v, cost to a, to b, to c) of the goal's cell, read once for the whole search.
     """
     dx, dy = abs(graph[cell, _AT_PIXEL] - goal[0]), abs(graph[cell, _AT_PIXEL + 1] - goal[1])
@@ -234,9 +239,10 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 
 @kernel
 def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
-    """Fill ``path`` with the cells of a shortest path (A*) and return their number (0: no path or no room).
+    """Fill ``path`` (L,) with the cells of a shortest path (A*), return their number (0: no path, or more than L).
 
-    ``node`` is int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
+    ``graph`` is ``ClydeCells.graph``, and ``node`` and ``queue`` are the results of :func:`search_memory`. ``node`` is
+    int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
     """
     search = clear(queue)
     if search == 1:  # the counter has wrapped: erase old numbers
@@ -299,5 +305,5 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
 
 def search_memory(cells: int, longest: int) -> tuple[NDArray[np.int32], Queue]:
     """Return node table and queue for :func:`find_path`, for ``cells`` cells and paths of at most ``longest`` cells."""
-    # The longest path of diagonal steps alone costs most.
+    # A path costs most if all its steps are diagonal.
     return np.zeros((cells, 4), dtype=np.int32), new_queue(longest * DIAGONAL, 8 * cells + 1)

@@ -30,15 +30,15 @@ class LevelArrays(NamedTuple):
     goal_xy: Any = Array(np.float64, "G 2")  # m
     goal_cell: Any = Array(np.int32, "G")
     goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
-    plan_end: Any = Array(np.float64, "G 2")  # m
-    power: Any = Array(np.bool_, "G")  # the power pellets
+    plan_end: Any = Array(np.float64, "G 2")  # m, where plans to each goal end
+    power: Any = Array(np.bool_, "G")  # True for power pellets
     spawn_cells: Any = Array(np.int32, "k")  # where ghosts may start
     ghost_graph: Any = Array(np.int32, "C 16")  # see ``ClydeCells.graph``
     ghost_part: Any = Array(np.int32, "C")
     ghost_part_start: Any = Array(np.int64, "k")
     ghost_part_cells: Any = Array(np.int32, "C")
     ghost_xy: Any = Array(np.float64, "C 2")  # m
-    ghost_drive: Any = Array(np.int32, "C")  # drivable cell under each, -1: none
+    ghost_drive: Any = Array(np.int32, "C")  # drivable cell under each ghost cell, -1: none
     ghost_snap: Any = Array(np.int32, "H W")  # nearest ghost cell in the robot's area
     ghost_place: Any = Array(np.int32, "G")  # ghost cell nearest to each goal, -1: too far away
     ghost_corner: Any = Array(np.int32, "4")  # cell of each ghost's corner
@@ -60,10 +60,10 @@ class LevelFacts(NamedTuple):
 
     pellets: int
     refuges: int
-    cells: int  # drivable
+    cells: int  # number of drivable cells
     longest_cm: int  # longest path to a goal
     ghost_cells: int
-    longest_ghost_way: int  # cells
+    longest_ghost_way: int  # number of cells of the longest ghost path
 
 
 class Level:

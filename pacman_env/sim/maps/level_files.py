@@ -37,7 +37,7 @@ _HEAD = np.dtype(
         ("key", "S64"),
         ("bytes", np.int64),  # size of the file
         ("facts", np.int64, len(LevelFacts._fields)),
-        ("walls", np.int64),  # number of walls, which come first
+        ("walls", np.int64),  # number of walls, whose data comes first
         *(
             (str(place), np.int64, sum(1 + len(a.axes) for a in declared(kind).values()))
             for place, kind in _KINDS.items()
@@ -50,7 +50,7 @@ class LevelFiles:
     """Files of the houses of one configuration, enlarged by the factor ``scale``."""
 
     def __init__(self, config: Config, scale: int) -> None:
-        own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # for levels, not for prepared maps
+        own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # change levels, not prepared maps
         numbers = {"scale": scale, **own, "format": str(_HEAD)}
         self.key = hashlib.sha256(f"{configuration_key(config)}{numbers}".encode()).hexdigest()[:32]
 

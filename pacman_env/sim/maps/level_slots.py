@@ -21,7 +21,7 @@ class LevelSlots:
     """
 
     def __init__(self, slots: int, sizes: LevelFacts, config: Config) -> None:
-        """Create empty slots; ``sizes`` are upper bounds for all levels, for scratch memory."""
+        """Create empty slots; ``sizes`` are upper bounds for all levels, by which kernels get scratch memory."""
         self.sizes, self.config = sizes, config
         self.addresses = np.zeros(slots, dtype=np.int64)
         self.numbers = np.full(slots, -1, dtype=np.int64)
@@ -47,7 +47,7 @@ class LevelSlots:
 
     @property
     def address(self) -> int:
-        """Address of ``addresses``."""
+        """Memory address of the array ``addresses``."""
         return address(self.addresses)
 
     def level(self, slot: int) -> Level:

@@ -88,9 +88,9 @@ TRAIN_SET, TEST_SET = 1000, 200
 _MOST_KEPT = 20_000  # larger sets are not cached
 _ATTEMPTS = 60
 _LONGEST_GHOST_WAY = 4096  # cells; at most 863 in the first 80 levels
-_SPARE_SLOTS = 64  # at most this many more slots than games, if every level then has one
+_SPARE_SLOTS = 64  # every level gets a slot if that takes at most this many slots more than games
 _NEAR_M, _NEAR_SHARE = 0.5, 0.75  # ghosts can come within this distance of this share of the pellets
-_PELLETS = (4, 16)  # range of a house at a spacing of 2 m
+_PELLETS = (4, 16)  # fewest and most pellets of a house at a spacing of 2 m
 WIDE = 2  # factor of length and width
 
 

@@ -38,7 +38,7 @@ class LevelsAhead:
         self._end = weakref.finalize(self, self._workers.stop)
 
     def ask(self, levels: Iterable[int]) -> None:
-        """Request levels; beyond ``most``, the last new ones are ignored and the oldest stored ones are dropped."""
+        """Request levels; beyond ``most``, the last new requests are ignored and the oldest stored levels dropped."""
         requests = list(dict.fromkeys(levels))[: self._most]
         with self._lock:
             for level in requests:

@@ -20,7 +20,7 @@ def time_warning(assets: MapAssets, config: Config) -> str | None:
     limit = config.time_limit_s
     if need <= limit:
         return None
-    longer, also = (math.ceil(_SPARE * part / 100) * 100 for part in (need, need / 2))  # also: half the way
+    longer, also = (math.ceil(_SPARE * part / 100) * 100 for part in (need, need / 2))  # with half the way for ``also``
     spacing = f"pellets.spacing_m={2 * config.pellets.spacing_m:g}" + (f" with time_limit_s={also}" * (also > limit))
     return (
         f"{assets.pellets} pellets need about {need:.0f} s even without ghosts, but time_limit_s is {limit:g}, so most "

@@ -70,7 +70,7 @@ class ObservationKind(Protocol):
 
 
 def bounds(batch: GameBatch) -> dict[str, tuple[float, float]]:
-    """Return the bounds of columns that depend on map or configuration (fixed with the nearest candidates)."""
+    """Return the bounds of columns that depend on the map or configuration; fixed bounds with nearest candidates."""
     if batch.config.observation.candidates == "nearest":
         return _ANY_MAP
     xs, ys = batch.source.extent()
@@ -96,7 +96,7 @@ class _Described:
     simulated: bool = field(default=False, kw_only=True)  # shows the game itself, not only its situation
 
     def __call__(self) -> Self:
-        return self  # other packages register classes
+        return self  # called like the classes that other packages register
 
 
 @dataclass
@@ -129,7 +129,7 @@ class CompiledKind(_Described):
 def _table_part(
     columns: Columns, rows: tuple[int, ...], known: Mapping[str, tuple[float, float]] | None = None
 ) -> ObservationPart:
-    """Return the description of an array with these columns; ``known`` replaces the bounds of some."""
+    """Describe an array of the shape (*rows, columns); ``known`` replaces the bounds of some columns, by name."""
     low, high = np.array([(known or {}).get(name, limits) for name, *limits, _ in columns], dtype=np.float32).T
     shape = *rows, len(columns)
     return ObservationPart(np.broadcast_to(low, shape), np.broadcast_to(high, shape), shape, np.float32, columns)
@@ -238,8 +238,8 @@ register_observation = KINDS.register
 def kinds_shown(config: ObservationConfig, action: str, power: bool) -> list[str]:
     """Return the configured kinds and the kinds that they need.
 
-    Bearings are added if the actions need more than path lengths or a scan, ``POWER`` to all numbers if there is
-    ``power`` in the game.
+    Bearings are added to a scan, and for velocity actions to features and planner features. ``POWER`` is added if
+    there is ``power`` in the game, except to a grid alone.
     """
     kinds = set(config.kinds)
     steers = action == "velocity" and bool(kinds & {FEATURES.name, PLANNER.name})

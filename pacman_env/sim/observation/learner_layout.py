@@ -19,11 +19,11 @@ PART = np.dtype(
         ("source", np.int64),  # address of the first game's numbers
         ("source_length", np.int64),  # numbers per game in the source
         ("is_byte", np.int64),  # int8 instead of float32
-        ("rows", np.int64),  # in the observation; 1 for arrays of the whole game
+        ("rows", np.int64),  # number of rows in the observation; 1 for arrays of the whole game
         ("columns", np.int64),
         ("listed", np.int64),  # rows are listed candidates, not all candidates
         ("scale", np.int64),
-        ("first_scale", np.int64),  # index of its first number in the arrays of scales
+        ("first_scale", np.int64),  # index of its first number's scale in ``RowArrays``
         ("target", np.int64),  # address of the first game's numbers
         ("target_length", np.int64),  # numbers per game in the target
     ]
@@ -50,7 +50,7 @@ class RowArrays(NamedTuple):
     parts: Any = Array(PART, "p")
     listed: Any = Array(np.int64, "N k")
     first: Any = Array(np.float32, "s")  # divisor, or middle of the bounds
-    second: Any = Array(np.float32, "s")  # c of x / (|x| + c), 0: linear; or half of the distance of the bounds
+    second: Any = Array(np.float32, "s")  # c of x / (|x| + c), 0: linear; or half the distance between bounds
 
 
 _candidates, _rows = arrays_by_address(CandidateArrays), arrays_by_address(RowArrays)
@@ -58,7 +58,7 @@ _candidates, _rows = arrays_by_address(CandidateArrays), arrays_by_address(RowAr
 
 @table_kernel
 def list_candidates(table, first, last):  # type: ignore[no-untyped-def]
-    """Write ``listed``, ``wanted`` and ``allowed`` for the situations ``first`` to ``last``; return 0."""
+    """Write ``listed``, ``wanted`` and ``allowed`` for the situations ``first`` to ``last - 1``; return 0."""
     a = _candidates(table)
     count = a.listed.shape[1]
     for i in range(first, last):
@@ -90,7 +90,7 @@ def _scaled(value, scale, first, second):  # type: ignore[no-untyped-def]
 
 @table_kernel
 def write_rows(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the targets of all parts for the games ``first`` to ``last``, listed and scaled; return 0."""
+    """Write listed and scaled numbers to the targets of all parts for the games ``first`` to ``last - 1``; return 0."""
     a = _rows(table)
     for i in range(first, last):
         for k in range(len(a.parts)):

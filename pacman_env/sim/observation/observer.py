@@ -118,7 +118,7 @@ class Observer:
         return {key: array[0] for key, array in self.result.items()}, self.allowed[0]
 
     def _changes(self, key: str) -> bool:
-        """Return True if an array is scaled or listed."""
+        """Return True if the array ``key`` is scaled or reduced to listed candidates."""
         listed = self.nearest is not None and self._raw_parts[key].by_candidate
         return key != MASK and (self._config.normalize or listed)
 
@@ -172,7 +172,7 @@ class Observer:
             self._raw[key][...] = array
 
     def maps_changed(self, games: NDArray[np.int64]) -> None:
-        """Prepare the new maps of the games (M,) for the kinds."""
+        """Prepare the observation kinds for the new maps of the games (M,)."""
         slots = self._batch.games["level"][games]
         self.situation.level[games] = slots
         for kind in self._compiled:
@@ -207,7 +207,7 @@ class Observer:
 
     @cached_property
     def _row_stages(self) -> list[Stage]:
-        """Stage that scales, lists and flattens the arrays; empty if nothing has to change."""
+        """List with the stage that scales, lists and flattens the arrays; empty if nothing has to change."""
         parts, scales, at = [], [np.zeros((2, 0), dtype=np.float32)], 0
         for key, part in self._unscaled.items():
             width, raw = int(np.prod(part.shape)), self.allowed if key == MASK else self._raw[key]

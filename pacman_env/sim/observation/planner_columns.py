@@ -83,7 +83,8 @@ class TokenColumn(enum.IntEnum):
     SPEED = enum.auto()  # speed in this round / 0.5 m/s
 
 
-TOKEN_FEATURES = (*(column.name.lower() for column in TokenColumn), *BELIEVED[1:])  # the first follows from the others
+#: The probability of wandering is left out, because it follows from the others.
+TOKEN_FEATURES = (*(column.name.lower() for column in TokenColumn), *BELIEVED[1:])
 CANDIDATE_FEATURES = tuple(column.name.lower() for column in CandidateColumn)
 GLOBAL_FEATURES = (
     *(column.name.lower() for column in GlobalColumn),

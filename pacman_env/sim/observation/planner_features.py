@@ -48,8 +48,9 @@ _AROUND_M = 2.5  # pellets within this path length count as around a place
 _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 
 _CANDIDATE_COLUMNS, _WHOLE_COLUMNS = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)
-_TOKENS, _TOKEN = len(GlobalColumn), len(TOKEN_FEATURES)  # first column of the ghosts, columns of one ghost
-_BELIEVED, _PROBABILITIES = len(BELIEVED), len(TokenColumn)  # number of behaviours, first column of a ghost's
+_TOKENS, _TOKEN = len(GlobalColumn), len(TOKEN_FEATURES)  # first column of the ghosts; number of columns of one ghost
+#: Number of behaviours; first column of the probabilities in a ghost's columns.
+_BELIEVED, _PROBABILITIES = len(BELIEVED), len(TokenColumn)
 
 
 class _PlannerArrays(NamedTuple):
@@ -86,10 +87,10 @@ def planner_stage(
     candidates: NDArray[np.float32],
     whole: NDArray[np.float32],
 ) -> Stage:
-    """Return the stage that fills the features of the candidates in the mask ``wanted`` (N, C) from a situation.
+    """Return the stage that fills the features ``candidates`` (N, C, 34) and ``whole`` (N, 51) from a situation.
 
-    The stage returns ``NEEDS_MAPS`` if a ghost is believed to approach the robot on a map without a coarse map. Call
-    :func:`maps_wanted` and run the stage again.
+    Features of candidates outside the mask ``wanted`` (N, C) are 0. The stage returns ``NEEDS_MAPS`` if a ghost is
+    believed to approach the robot on a map without a coarse map. Call :func:`maps_wanted` and run the stage again.
     """
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
@@ -150,9 +151,9 @@ def _describe_ghosts(s, i, level, tokens):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_round(s, i, clyde_m, shortest, limit_s, coming, row):  # type: ignore[no-untyped-def]
-    """Write the columns of situation i, without those of ghosts, to ``row``.
+    """Write the ``GlobalColumn`` values of situation i to ``row``.
 
-    ``clyde_m`` and ``shortest`` are the distances, m, of the nearest ghost and, by path, of the nearest pellet;
+    ``clyde_m`` is the straight distance to the nearest ghost and ``shortest`` the path length to the nearest pellet, m.
     ``limit_s`` is the length of a round and ``coming`` the number of approaching ghosts.
     """
     left_s = max(limit_s - s.time_s[i], 0.0)
@@ -186,7 +187,7 @@ def _shortest_way(s, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_ways(s, i, c, clyde_m, shortest, robot_speed, f):  # type: ignore[no-untyped-def]
-    """Write the columns for the kind of candidate c, and for its distance from robot and ghosts, to ``f``."""
+    """Write the columns for candidate c's kind and its distances from robot and ghosts to its features ``f``."""
     f[CandidateColumn.IS_PELLET], f[CandidateColumn.IS_REFUGE] = s.kind[i, c] == PELLET, s.kind[i, c] == REFUGE
     f[CandidateColumn.IS_HOLD], f[CandidateColumn.IS_CURRENT] = s.kind[i, c] == HOLD, c == s.current[i]
     f[CandidateColumn.IS_POWER] = s.is_power[i, c]
@@ -229,7 +230,7 @@ def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
-    """Write the columns for pellets and ghost cells around candidate c, if it has a cell on the grid, to ``f``."""
+    """Write the columns for pellets and ghost cells around candidate c to ``f``, if it has a cell on the grid."""
     g = s.goal[i, c]
     if g < 0 or level.goal_cell[g] < 0:
         return
@@ -253,7 +254,7 @@ def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the features of the situations ``first`` to ``last``; return 0, or ``NEEDS_MAPS`` without coarse maps."""
+    """Write the features of the situations ``first`` to ``last - 1``; return 0 or ``NEEDS_MAPS``, see above."""
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])

@@ -1,7 +1,9 @@
 """Predict for the next seconds how near ghosts may come to the robot's path to each candidate.
 
 The paths of a ghost are the shortest ones from its position to the map's goals, weighted by its last motion; from a
-goal it continues to another. The path of the robot leads to a candidate, including the first turn, and ends there.
+goal it continues to another. The path of the robot leads to a candidate, including the first turn, and ends there. In
+the kernels ``steps`` are a map's coarse steps with ``across`` tiles in a row, ``walkers`` are ``_Walkers``, ``affine``
+(6,) maps m to cells, and ``room`` is the result of :func:`room_to_meet`.
 """
 
 import math
@@ -20,10 +22,10 @@ from ...world.navigation.paths import ARRIVED, LENGTHS, NO_WAY, TILE, coarse_ste
 from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
 from .situation import HARMLESS, LAYOUT, Situation, maps_of
 
-STEP_S = 0.5  # between instants
-STEPS = 20  # instants: 10 s
+STEP_S = 0.5  # time between two instants
+STEPS = 20  # number of instants: 10 s
 NEAR_M, WIDE_M, SOON_S = 0.45, 0.8, 5.0
-_SOON = round(SOON_S / STEP_S)  # instants
+_SOON = round(SOON_S / STEP_S)  # number of instants
 _FIRST_M = 0.4  # length of the start of a path that decides its direction
 _SHARPNESS = 4.0  # rate at which the weight of a path falls with the angle to the ghost's last motion
 _FAR_M = 10.0  # distance of a ghost that cannot move in this part of the map
@@ -33,7 +35,7 @@ REQUEST = np.dtype(
         ("games", np.int64),  # lengths of the situation's block
         ("candidates", np.int64),
         ("ghosts", np.int64),
-        ("goals", np.int64),  # largest number on any level
+        ("goals", np.int64),  # largest number of goals on any level
         ("robot_speed", np.float64),  # m/s
         *START_FIELDS,
     ]
@@ -62,10 +64,11 @@ COLUMNS = 9
 def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float32]:
     """Return how near the nearest ghost may come on the path to each candidate within 10 s, (N, C, 9) float32.
 
-    Columns: probability of a distance below 0.45 m within 5 s, within 10 s, and below 0.8 m within 10 s; smallest
-    distance in m, as mean over the ghost's paths and as minimum; cosine between the start of the robot's path and its
-    heading, and the ghost's direction; smallest distance in m if the ghost stands; how long the robot needs to turn to
-    the path and to speed up, s. Rows of masked candidates are 0.
+    Columns 0 to 2 are the probabilities of a distance below 0.45 m within 5 s, below 0.45 m within 10 s, and below
+    0.8 m within 10 s. Columns 3 and 4 are the smallest distance, m: mean and minimum over the ghost's paths. Columns 5
+    and 6 are cosines between the start of the robot's path and its heading or the direction to the ghost. Column 7 is
+    the smallest distance, m, if the ghost stands. Column 8 is the time, s, in which the robot turns to the path and
+    speeds up. Rows of masked candidates are 0.
     """
     result = np.empty((*situation.mask.shape, COLUMNS), dtype=np.float32)
     table = Table(_EncounterArrays, seen=seen_arrays(situation, robot_speed_mps), result=result)
@@ -85,14 +88,14 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
 
 @kernel
 def seen_by(seen):  # type: ignore[no-untyped-def]
-    """Return the arrays of the situations in a ``SeenArrays``."""
+    """Return the arrays of the situations whose block is in ``seen``, a ``SeenArrays``."""
     r = seen.request[0]
     return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
 
 
 @kernel
 def _write(out_x, out_y, at, x, y, dx, dy, share):  # type: ignore[no-untyped-def]
-    """Write the point at ``share`` (limited to 0..1) of the way (dx, dy) from (x, y), in cells, to element ``at``."""
+    """Write (x, y) + ``share`` (dx, dy), in cells, to element ``at``; ``share`` is limited to 0..1."""
     part = min(max(share, 0.0), 1.0)
     out_x[at], out_y[at] = x + dx * part, y + dy * part
 
@@ -102,8 +105,8 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
     """Simulate ``count`` walkers on shortest paths to goals, and write their place in cells at every instant.
 
     ``out_x`` and ``out_y`` are blocks of ``_BLOCK`` float32: walker ``w`` is number ``w % WIDTH`` of block ``w //
-    WIDTH``. ``steps`` are the map's coarse steps with ``across`` tiles in a row, ``walkers`` are ``_Walkers``, and
-    ``stretch`` is cells per instant. With ``goals`` above 1, a walker that has arrived continues to another goal.
+    WIDTH``. Each walker walks ``stretch`` cells per instant. With ``goals`` above 1, a walker that has arrived
+    continues to another goal.
 
     Walkers take coarse steps in turn, which hides the latency of memory. Instants beyond a coarse step are written too,
     and overwritten later, which avoids a branch.
@@ -172,8 +175,9 @@ def _walk(steps, across, count, goals, stretch, walkers, out_x, out_y):  # type:
 def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  # type: ignore[no-untyped-def]
     """Write the possible paths of a ghost and their weights, which sum to 1, and return their number.
 
-    ``ghost`` is position, drivable cell and velocity, in cells. The path's first ``first`` cells decide its weight. One
-    more path without a weight stands still.
+    ``ghost`` is position, drivable cell (column, row) and velocity, in cells; it walks ``stretch`` cells per instant to
+    one of ``goals`` goals. The first ``first`` cells of a path decide its weight. One more path, which stands still, is
+    written without a weight.
     """
     (x, y), cell, (vx, vy) = ghost
     tile = tile_index(cell[0], cell[1], across)
@@ -205,10 +209,10 @@ def _ghost_paths(steps, across, ghost, stretch, first, goals, walkers, paths):  
 
 @kernel
 def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  # type: ignore[no-untyped-def]
-    """Write the direction of the start of the robot's path to a goal to ``result`` (9,).
+    """Write the two cosines of the start of the robot's path to a goal to ``result`` (9,), see :func:`encounters`.
 
-    Return its angle to the heading, rad; -1 if there is no path, or if the robot is at the goal. ``start`` and
-    ``clyde`` are positions in cells, ``cell`` is column and row, and ``heading`` a unit vector.
+    Return the angle between this start and the heading, rad; -1 if there is no path, or if the robot is at the goal.
+    ``start`` and ``clyde`` are positions in cells, ``cell`` is column and row, and ``heading`` a unit vector.
     """
     column, row = cell
     for _ in range(2):
@@ -230,10 +234,10 @@ def _first_stretch(steps, across, start, cell, heading, clyde, goal, result):  #
 
 @kernel
 def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-def]
-    """Lower ``best`` to the squared distances between the robot's paths and ghost path k at some instants.
+    """Return the row ``best``, lowered to the squared distances between the robot's paths and ghost path k, in cells.
 
-    The row ``best`` and the result have one number for each of ``WIDTH`` robot paths; the instants are ``first`` to
-    ``last``.
+    ``best`` has one number for each of the ``WIDTH`` robot paths in the block of ``own`` that starts at element ``at``.
+    The instants are ``first`` to ``last - 1``.
     """
     other = k // WIDTH * _BLOCK + k % WIDTH
     for j in range(first * WIDTH, last * WIDTH, WIDTH):
@@ -247,7 +251,8 @@ def _nearest(own, at, paths, k, first, last, best):  # type: ignore[no-untyped-d
 def _compare(own, at, paths, used, cells_per_m, sums):  # type: ignore[no-untyped-def]
     """Compare a block of the robot's paths, which starts at element ``at``, with ``used`` paths of the ghost.
 
-    ``own`` and ``paths`` are ``_Paths``; the results are six rows in ``sums`` (6 x WIDTH,).
+    ``own`` and ``paths`` are ``_Paths``. The six rows of results in ``sums`` (6 x WIDTH,) are the first five columns of
+    :func:`encounters` and its column 7, with distances in cells.
     """
     far = all_of((_FAR_M * cells_per_m) ** 2)
     near, wide = all_of((NEAR_M * cells_per_m) ** 2), all_of((WIDE_M * cells_per_m) ** 2)
@@ -301,15 +306,15 @@ class _Walkers(NamedTuple):
     starts: Any  # (W, 3) position in cells, and delay before the first coarse step, in cells of walking
     cells: Any  # (W, 2) column and row of the drivable cell at the position
     targets: Any  # (W,) goals
-    walked: Any  # (W,) cells
-    written: Any  # (W,) instants
+    walked: Any  # (W,) cells walked, including the delay
+    written: Any  # (W,) number of instants that are written
 
 
 class _Paths(NamedTuple):
     x: Any  # column at each instant, by block
     y: Any  # row at each instant, by block
-    weights: Any  # weights of a ghost's paths
-    candidates: Any  # candidates of the robot's paths
+    weights: Any  # (W,) weights of a ghost's paths
+    candidates: Any  # (W,) candidates of the robot's paths
 
 
 @kernel
@@ -340,7 +345,7 @@ def _meet_ghost(s, level, i, k, room, count, result):  # type: ignore[no-untyped
     """Compare the robot's ``count`` paths with the paths of ghost k (-1: the nearest), and update ``result``."""
     paths, own, walkers, sums = room
     affine, (steps, across) = level.affine, _steps(level)
-    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells per m
     if is_nobody(s, i, k):
         if k <= 0:
             for j in range(count):
@@ -382,7 +387,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
     _, own, walkers, _ = room
     speed = request.robot_speed
     affine, (steps, across) = level.affine, _steps(level)
-    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells
+    per_m = math.sqrt(affine[0] ** 2 + affine[3] ** 2)  # cells per m
     place = _in_cells(affine, s.clyde[i, 0], s.clyde[i, 1])
     robot = _in_cells(affine, s.robot[i, 0], s.robot[i, 1])
     cell = _drivable_cell(affine, level.snap, level.cell_xy, s.robot[i, 0], s.robot[i, 1])
@@ -414,7 +419,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
 
 @kernel
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the encounters of the situations ``first`` to ``last`` with the nearest ghost; return 0."""
+    """Write the encounters of the situations ``first`` to ``last - 1`` with the nearest ghost; return 0."""
     a = _arrays(table)
     s = seen_by(a.seen)
     room = room_to_meet(a.seen.request[0].goals, a.result.shape[1])

@@ -18,7 +18,7 @@ _ON, _OFF = np.uint8(255), np.uint8(0)
 
 @kernel
 def _disc(image, channel, row, column, radius, value):  # type: ignore[no-untyped-def]
-    """Mark the pixels with centres inside a disc, and the pixel at its centre; all lengths in pixels."""
+    """Write ``value`` to the pixels with centres inside a disc and to the pixel at its centre; lengths in pixels."""
     size = len(image)
     if not (row > -radius and column > -radius and row < size + radius and column < size + radius):
         return
@@ -35,7 +35,7 @@ def _disc(image, channel, row, column, radius, value):  # type: ignore[no-untype
 
 @kernel
 def _walls(affine, clearance_cm, x, y, forward_x, forward_y, image):  # type: ignore[no-untyped-def]
-    """Write the wall channel of every pixel and 0 to the others; ``forward`` is the vector of one pixel ahead, m."""
+    """Write walls, and 0 to the other channels; ``forward`` is the map vector from a pixel to the next one ahead, m."""
     rows, columns = clearance_cm.shape
     size = len(image)
     # In cells: one pixel down is backwards, one to the right is forwards turned by -90 degrees.

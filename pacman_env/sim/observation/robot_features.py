@@ -100,9 +100,9 @@ _fill_arrays, _situation = arrays_by_address(_RobotArrays), situation_layout.arr
 
 
 def features_stage(situation: Situation, arrays: Observation) -> Stage:
-    """Return the stage that fills the arrays of ``FeatureArrays``; with one ghost ``ghosts`` may be missing.
+    """Return the stage that fills the arrays of ``FeatureArrays``; with one ghost, the array ``ghosts`` may be missing.
 
-    Rows of forbidden candidates only contain the kind and are 0 otherwise.
+    Rows of forbidden candidates only contain the kind; their other columns are 0.
     """
     block, *lengths = situation.block()
     ghosts = arrays.get("ghosts")
@@ -120,13 +120,13 @@ def _cap(value, limit):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
-    """Rotate a map-frame vector to forward and left of a robot with this heading (cosine, sine), and clip both."""
+    """Return a map vector's components forward and left of a robot with this heading, clipped to +-``limit``."""
     return _cap(dx * cos + dy * sin, limit), _cap(dy * cos - dx * sin, limit)
 
 
 @table_kernel
 def write_features(table, first, last):  # type: ignore[no-untyped-def]
-    """Write ``FeatureArrays`` for the situations ``first`` to ``last``; ``table``: of ``_RobotArrays``. Return 0."""
+    """Write the ``FeatureArrays`` in ``_RobotArrays`` for the situations ``first`` to ``last - 1``; return 0."""
     a = _fill_arrays(table)
     n, count, others = a.lengths
     f, s = a.seen, _situation(address_of(a.block), n, count, others)
@@ -206,7 +206,7 @@ def power_stage(situation: Situation, arrays: Observation) -> Stage:
 
 @table_kernel
 def write_power(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the last two ``PowerArrays``, at ``table``, for the situations ``first`` to ``last``; return 0."""
+    """Write ``candidate_power`` and ``ghost_power`` for the situations ``first`` to ``last - 1``; return 0."""
     a = _power_arrays(table)
     for i in range(first, last):
         for c in range(a.is_power.shape[1]):
@@ -239,7 +239,7 @@ GHOST_BEARING_COLUMNS = (
 
 
 def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
-    """Return bearings of the nearest pellets (N, ``count``, 7), float32. Raises ValueError without maps."""
+    """Return ``PELLET_BEARING_COLUMNS`` of the nearest pellets (N, ``count``, 7). Raises ValueError without maps."""
     s, levels = situation, maps_of(situation).addresses
     result = np.zeros((len(s), count, len(PELLET_BEARING_COLUMNS)), dtype=np.float32)
     order = nearest_candidates(s, NearestCounts(count, 0))
@@ -248,7 +248,7 @@ def pellet_bearings(situation: Situation, count: int) -> NDArray[np.float32]:
 
 
 def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
-    """Return the bearings of all ghosts (N, G, 5), float32."""
+    """Return ``GHOST_BEARING_COLUMNS`` of all ghosts, (N, G, 5) float32."""
     result = np.empty((*situation.ghosts.shape[:2], len(GHOST_BEARING_COLUMNS)), dtype=np.float32)
     _fill_ghosts(situation.robot, situation.ghosts, result)
     return result
@@ -256,7 +256,7 @@ def ghost_bearings(situation: Situation) -> NDArray[np.float32]:
 
 @kernel
 def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
-    """Return cosine and sine of a direction in the robot's frame, and the distance (at distance 0: ahead)."""
+    """Return cosine and sine of the bearing of (dx, dy), m, from a heading (cos, sin), and the distance (0: ahead)."""
     distance = math.sqrt(dx * dx + dy * dy)
     if distance < 1e-9:
         return 1.0, 0.0, 0.0
@@ -320,9 +320,9 @@ TIME = "time"  # column divided by the time limit
 
 
 def unit_scale(columns: Columns, time_limit_s: float) -> NDArray[np.float32]:
-    """Return the scales of columns (2, F) for ``learner_layout.py``: divisors, and c of soft scales (0: linear).
+    """Return two rows (2, F) of scale values for the columns: divisors, and c of x / (|x| + c) (0: linear).
 
-    The first words of the unit decide. Raises KeyError for a unit without a scale.
+    The first words of a column's unit decide. Raises KeyError for a unit without a scale.
     """
     by, soft = np.ones((2, len(columns)), dtype=np.float32)
     soft[:] = 0.0

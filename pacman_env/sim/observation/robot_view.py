@@ -50,7 +50,7 @@ class Seen:
     masked: Collection[int] = ()  # forbidden candidates
     pursued: int = -1  # current candidate, -1: none
     harmless_s: NDArray[np.float64] | None = (
-        None  # (G, 2) for how long each ghost is harmless and away; None: no ghost is
+        None  # (G, 2) how long each ghost stays harmless and away, s; None: no ghost is harmless
     )
 
 

@@ -58,7 +58,7 @@ class Situation:
     path_clyde: Annotated[NDArray[np.float64], "N C"]  # m, path length Clyde-candidate; inf if unreachable
     current: Annotated[NDArray[np.int64], "N"]  # current candidate, -1: none
     seed: Annotated[NDArray[np.uint64], "N"]  # seed of the round, for policies that draw random numbers
-    tick: Annotated[NDArray[np.int64], "N"]  # ticks of this round before this one
+    tick: Annotated[NDArray[np.int64], "N"]  # number of this tick in the round, from 0
     pellets_left: Annotated[NDArray[np.int64], "N"]  # pellets on the map, including forbidden ones
     ghosts: Annotated[NDArray[np.float64], "N G 5"]  # x, y, vx, vy, speed of each ghost
     fright: Annotated[NDArray[np.float64], "N G 3"]  # FRIGHTENED_S, AWAY_S and HARMLESS of each ghost
@@ -166,7 +166,7 @@ def maps_of(situation: Situation) -> LevelSlots:
     return situation.maps
 
 
-MISSING = -1  # instead of a candidate's number, if there are fewer
+MISSING = -1  # in place of a candidate's number if there are too few candidates
 
 
 @dataclass(frozen=True)
@@ -182,9 +182,10 @@ class NearestCounts:
 
 
 def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[np.int64]:
-    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length, or ``MISSING``.
+    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length.
 
-    Equally near ones are sorted by number. The current candidate is always listed, if necessary as last of its kind.
+    Equally near candidates are sorted by number. The current candidate is always listed, if necessary as the last of
+    its kind. Places without a candidate are ``MISSING``.
     """
     order = np.empty((len(situation), nearest.count), dtype=np.int64)
     _list(
@@ -202,7 +203,10 @@ def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[n
 
 @kernel
 def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyped-def]
-    """Insert ``number`` into ``order[first : first + room]``, sorted by ``length[number]``; ``MISSING`` is free."""
+    """Insert ``number`` into ``order[first : first + room]``, which is sorted by ``length[number]``.
+
+    ``MISSING`` marks free places at the end; if there is none, the number with the largest length is dropped.
+    """
     place = room
     while place > 0:
         other = order[first + place - 1]
@@ -217,7 +221,10 @@ def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyp
 
 @kernel
 def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
-    """Write the list ``order`` (K,) of one situation with C candidates; ``now`` is the current one, -1: none."""
+    """Write the list ``order`` (K,) of one situation; ``now`` is the current candidate (-1: none).
+
+    At most ``pellets`` pellets and ``refuges`` refuges are listed; ``kind``, ``mask`` and ``path`` are (C,).
+    """
     order[:] = MISSING
     for c in range(len(kind)):
         if kind[c] == HOLD:
@@ -238,7 +245,7 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
 
 @kernel
 def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
-    """Return the candidate of an action, ``hold`` if it stands for none, and True if the action is allowed.
+    """Return the candidate that an action means (``hold`` if none), and True if the action is allowed.
 
     ``listed`` (K,) are the candidates of the actions; with K = 0 actions are candidates, which ``mask`` (C,) allows.
     """

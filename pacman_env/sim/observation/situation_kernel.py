@@ -57,7 +57,7 @@ def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
 
 @table_kernel
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the situations of the games ``first`` to ``last`` and their columns of ``summary``; return 0.
+    """Write the situations of the games ``first`` to ``last - 1`` and their columns of ``summary``; return 0.
 
     ``table`` is the address of ``ViewArrays``. Their ``request`` selects the block to fill, and whose situation it is:
     the robot's, or the ghost's ``player``, for which the ghost is Clyde and the candidates are places for ghosts.
@@ -105,7 +105,7 @@ def write_situations(table, first, last):  # type: ignore[no-untyped-def]
         s.time_s[i] = g.tick * p.tick_s
         s.pose_age_s[i] = 0.0 if p.use_tf else (g.step - g.amcl_step) * p.dt
         s.closing_speed[i] = g.closing
-        if player >= 0:  # of this ghost: the rate at which the straight distance shrinks
+        if player >= 0:  # closing speed of this ghost: how fast the straight distance shrinks
             dx, dy = bx - s.clyde[i, 0], by - s.clyde[i, 1]
             v = s.robot_velocity[i, 0]
             ux, uy = s.clyde_velocity[i, 0] - v * math.cos(bh), s.clyde_velocity[i, 1] - v * math.sin(bh)

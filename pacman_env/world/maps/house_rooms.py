@@ -51,7 +51,7 @@ class Floor(NamedTuple):
 
 
 class Wall(NamedTuple):
-    """The wall between rooms a < b: x = at and y from low to high if upright, else x and y are swapped."""
+    """The wall between rooms a < b: x = ``at`` from y = ``low`` to ``high``, m; x and y are swapped unless upright."""
 
     a: int
     b: int
@@ -68,7 +68,8 @@ def area(rect: Rect) -> float:
 def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tuple[Floor, list[Wall]]:
     """Return the rooms and one wall for each door, with ``loops`` = doors - rooms + 1 and at least one dead end.
 
-    ``turn`` is the building's angle in the map (rad), which limits its size; ``wall`` is thickness, ``door`` width, m.
+    ``turn`` is the building's angle in the map (rad), which limits its size. ``wall`` is the thickness of a wall and
+    ``door`` the width of a door, m.
     """
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
@@ -91,7 +92,10 @@ def _is_sound(floor: Floor) -> bool:
 
 
 def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: float) -> list[Wall]:
-    """Choose doors that connect all rooms with ``loops`` loops and at least one dead end; return [] if impossible."""
+    """Choose doors that connect all rooms with ``loops`` loops and at least one dead end; return [] if impossible.
+
+    A door of the width ``door`` is at least ``corner`` away from the ends of its wall, m.
+    """
     rooms = floor.rooms
     hubs = floor.halls or {max(range(len(rooms)), key=lambda k: area(rooms[k]))}
     burden = {}  # walls with a low burden get doors first
@@ -123,7 +127,10 @@ def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: flo
 
 
 def _shared_walls(rooms: list[Rect], corner: float, door: float) -> list[Wall]:
-    """Return the shared walls with room for a door, without their corners; a long wall is split for two doors."""
+    """Return the walls between two rooms with space for a door, without ``corner`` m at their ends.
+
+    A long wall is split for two doors.
+    """
     walls = []
     for b, (bx0, by0, bx1, by1) in enumerate(rooms):
         for a, (ax0, ay0, ax1, ay1) in enumerate(rooms[:b]):

@@ -19,7 +19,7 @@ _OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
 Shape = tuple[int, float, float, float, float, float]
 
 _MARGIN_PX = (6, 45)  # range of the margin between the building and each edge of the image
-_CELL, _CELL_ASKEW = 5, 7  # chamfer distances
+_CELL, _CELL_ASKEW = 5, 7  # chamfer distances of a straight and a diagonal step
 _LATTICE_PX, _PLACES = 40, 5  # px between pellets of Algorithm 1's lattice (2 m), and the wanted number of pellets
 _PLACE_CLEARANCE = 8 * _CELL  # half diagonal of a pellet's free square
 _CROPS = 4  # attempts to crop
@@ -31,7 +31,7 @@ _RANGE_PX = 240.0  # RPLIDAR A1: 12 m
 _RAYS, _FANS = 360, 4  # rays per stop; the stops use interleaved fans in turn
 _BOW_M, _SKEW = 0.07, 0.02  # largest distortions of walls, m and rad
 _WALL_SHARES = (0.0, 0.94, 0.5, 0.15)  # share of occupied cells, by depth behind the surface in cells
-_SUBPIXEL = 4  # bits
+_SUBPIXEL = 4  # fractional bits of coordinates for OpenCV
 _THIN_PX = 9  # free squares of this size outside are thinned, so that nothing can stand there
 _angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # no ray runs along cell corners
 _RAY = np.stack([np.sin(_angle), np.cos(_angle)], axis=1)  # (rays, 2) row, column
@@ -225,7 +225,7 @@ def _noise(seed, row, column, cells):  # type: ignore[no-untyped-def]
 def _paint(kind, seen, hit, seed):  # type: ignore[no-untyped-def]
     """Return the grey image (H, W) uint8 for the results of :func:`_drive`."""
     rows, columns = kind.shape
-    for _ in range(2):  # single cells between two rays
+    for _ in range(2):  # fill single cells between two rays
         for r in range(1, rows - 1):
             for c in range(1, columns - 1):
                 if seen[r, c] == 0 and kind[r, c] >= OPEN:

@@ -23,7 +23,7 @@ _LEAF_SHARE, _GLASS_SHARE = 0.4, 0.45
 _GLASS_M = (0.5, 2.0)
 _PANE_M, _POST_M = 0.22, 0.08  # gaps too narrow for anything to pass
 _BATH_M2 = 5.5
-_TRIES = 8  # to find a place
+_TRIES = 8  # attempts to find a place for a piece
 _IN_CORNER = 0.3  # share of the pieces at a wall that stand in a corner
 _FREE = -1  # instead of a side, for a piece away from walls
 #: Forms: box, table (the lidar sees the legs), table with chairs, pot, heap of small things.
@@ -138,7 +138,7 @@ class House:
             self._add(OPEN, room.inner)
 
     def _build_door(self, wall: Wall) -> tuple[int, Rect, int]:
-        """Add a doorway and the clear places on both sides, and return its open leaf: room, place, side."""
+        """Add a doorway with clear areas on both sides, and return the open door's room, rectangle and side."""
         dice, half = self.dice, self.wall / 2
         wide = (wall.a, wall.b) == self.floor.wide
         width = dice.between(*_OPENING_M) if wide else dice.between(self.passage, max(_DOOR_M, self.passage + 0.1))
@@ -187,7 +187,7 @@ def _turn_degrees(dice: Dice) -> float:
 
 @dataclass
 class Room:
-    """A room while it is being furnished; sides are 0 low y, 1 high y, 2 low x, 3 high x, -1 none."""
+    """A room that is being furnished; sides are 0 (low y), 1 (high y), 2 (low x), 3 (high x) and -1 (none)."""
 
     inner: Rect  # floor between the walls, m
     role: str  # key of the furniture table; empty: chosen by size
@@ -196,7 +196,7 @@ class Room:
     occupied: list[tuple[Rect, int]] = field(default_factory=list)  # pieces and their sides
 
     def place(self, rect: Rect, side: int) -> bool:
-        """Occupy a place at a side and return True, if it is clear and leaves a passage to the other side."""
+        """Occupy ``rect`` at a side and return True if it is clear and leaves a passage; otherwise return False."""
         across = 0 if side >= 2 else 1
         ahead = self.inner[across + 2] - self.inner[across] - (rect[across + 2] - rect[across])
         if ahead < self.passage or not self._is_clear(rect, side):

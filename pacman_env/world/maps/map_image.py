@@ -65,7 +65,7 @@ def _to_byte(plane: NDArray[Any]) -> Grey:
 
 
 def _transparent_grey(data: bytes) -> int | None:
-    """Return the grey that a PNG's tRNS chunk (ignored by OpenCV) makes transparent, at the decoded depth, or None."""
+    """Return the grey that a PNG's tRNS chunk makes transparent, at the decoded depth, or None; OpenCV ignores it."""
     at = len(_PNG)
     while data.startswith(_PNG) and at + 12 <= len(data) and data[at + 4 : at + 8] != b"IDAT":
         (size,) = struct.unpack(">I", data[at : at + 4])

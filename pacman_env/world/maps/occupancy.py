@@ -118,7 +118,7 @@ class OccupancyMap:
         occupied, free = np.float32(self.occupied_thresh), np.float32(self.free_thresh)
         table = np.where(dark >= occupied, 100, -1)
         if self.mode == "scale" and occupied > free:
-            between = (dark > free) & (dark < occupied)  # outside, the share may overflow
+            between = (dark > free) & (dark < occupied)  # for other values the share may overflow
             share = (dark[between] - free) / np.float32(self.occupied_thresh - self.free_thresh) * np.float32(100)
             table[between] = np.floor(share.astype(np.float64) + 0.5)
         return np.where(dark <= free, 0, table).astype(np.int8)
@@ -179,7 +179,7 @@ class OccupancyMap:
 
         path = Path(yaml_path)
         pixels = 255 - self.grey if self.negate else self.grey.copy()
-        hidden = self._nav2_table()[pixels] != self.occupancy  # needs alpha
+        hidden = self._nav2_table()[pixels] != self.occupancy  # pixels that need alpha to get their occupancy
         if self.mode == "raw":
             pixels[hidden] = self.occupancy[hidden].view(np.uint8)
         read = OccupancyMap.from_pixels(self.name, pixels, opaque=~hidden, **self._settings())
@@ -219,7 +219,7 @@ def map_file(source: str | os.PathLike[str]) -> Path:
 
 
 def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
-    """Return file and name of a map."""
+    """Return the YAML file and the name of a map. Raises MapError if there is none."""
     names = _shipped()
     if isinstance(source, str) and source in names:
         return names[source], source

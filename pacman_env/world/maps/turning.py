@@ -21,12 +21,12 @@ def turned(map: OccupancyMap, name: str) -> OccupancyMap:
     """
     import cv2
 
-    sizes = [math.ceil((high - low) / map.resolution - 1e-6) for low, high in map.extent]  # rounding of sine and cosine
+    sizes = [math.ceil((high - low) / map.resolution - 1e-6) for low, high in map.extent]  # sine and cosine are rounded
     if max(sizes) > MAX_PIXELS_PER_SIDE:
         raise MapError(f"{map.name}: {sizes} pixels if turned, must be within {MAX_PIXELS_PER_SIDE} per side")
     (left, _), (bottom, _) = map.extent
     darkest = int(map.grey[map.occupancy == -1].min(initial=255))
-    unknown = darkest if darkest < 250 else 0  # 0 is saved as transparent; in mode raw, bright cells may be unknown
+    unknown = darkest if darkest < 250 else 0  # never bright, which means free; 0 is saved as a transparent pixel
     blank, origin = np.zeros(sizes[::-1], np.uint8), (left, bottom, 0.0)
     result = dataclasses.replace(map, name=name, grey=blank, occupancy=blank.view(np.int8), origin=origin)
     corners = np.array(map.world_to_cell(*result.cell_to_world([0, 1, 0], [0, 0, 1])))  # (2, 3) in cells of ``map``

@@ -2,7 +2,8 @@
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
 Clyde. Kernels work on one game's record ``g`` and its plan ``path`` (PATH_POINTS, 2), m. ``p`` is a record of
-``PARAMETERS``, v and w are m/s and rad/s, and ``clearance`` (H, W) is in cm.
+``PARAMETERS``, v and w are m/s and rad/s, ``pose`` is a ``Pose``, ``around`` are ``Obstacles``, ``affine`` (6,) maps m
+to cells, and ``clearance`` (H, W) is in cm.
 """
 
 import math
@@ -16,7 +17,7 @@ from .grid import cell_of
 
 LOOKAHEAD_M = 0.35  # to the target point of pure pursuit
 _ROTATE_COS = 0.765  # cosine of the angle off the path (0.7 rad) beyond which the robot turns on the spot
-HORIZON_S = 0.8  # s of a roll-out
+HORIZON_S = 0.8  # duration of a roll-out
 _SAMPLES = 3  # points tested along a roll-out
 _BRAKE = 0.7  # share of the base's braking used when a turn on the spot ends
 
@@ -28,8 +29,8 @@ START_FIELDS = tuple((name, np.float64) for name in ("free_turn", "turn_radps", 
 def start_values(config: Config) -> tuple[float, float, float, float]:
     """Return the values of ``START_FIELDS``.
 
-    They are the largest turn that costs no time, rad, the rate of the rest of a turn, rad/s, the time lost by speeding
-    up, s, and any other delay, s. For MPPI they hold within 1 s on open floor.
+    These are the largest turn that costs no time (rad), the turn rate beyond it (rad/s), the time lost by speeding up
+    (s), and any other delay (s). For MPPI, the start times computed from them are within 1 s on open floor.
     """
     if config.nav2.controller == "pure_pursuit":
         return 0.7, 1.2, 0.0, 0.0
@@ -40,7 +41,7 @@ def start_values(config: Config) -> tuple[float, float, float, float]:
 def start_s(off, v, p):  # type: ignore[no-untyped-def]
     """Return the seconds lost by turning to a path ``off`` rad from the heading and speeding up.
 
-    ``v`` is the present speed as a share of the full one; ``p`` has ``START_FIELDS``.
+    ``v`` is the present speed as a share of the full speed; ``p`` is a record with the fields ``START_FIELDS``.
     """
     return p.late_s + max(off - p.free_turn, 0.0) / p.turn_radps + p.speed_up_s * (1.0 - v * math.cos(off))
 
@@ -66,7 +67,7 @@ class Pose(NamedTuple):
 class Obstacles(NamedTuple):
     """Clearance at the robot's pose, and Clyde's position if he is near."""
 
-    free_cm: int  # clearance
+    free_cm: int  # clearance at the robot
     clyde_near: bool
     clyde_x: float  # m
     clyde_y: float
@@ -74,10 +75,11 @@ class Obstacles(NamedTuple):
 
 @kernel
 def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return the cost, m, of driving (v, w) from a pose, by how much it violates comfort, or -1 if inadmissible.
+    """Return the cost, m, of driving (v, w) from a pose for ``HORIZON_S``, or -1 if the arc is not admissible.
 
-    ``_SAMPLES`` points of the arc are tested. A point inside the inscribed radius, or inside Clyde's region, is only
-    admissible if it is not worse than the robot's position, which lets the robot get out.
+    The cost is the sum of the amounts by which the clearance is too small for comfort at ``_SAMPLES`` points of the
+    arc. A point inside the inscribed radius, or inside Clyde's region, is only admissible if it is not worse than the
+    robot's position, which lets the robot get out.
     """
     x, y, ch, sh = pose
     free_here, clyde_near, cx, cy = around
@@ -117,7 +119,10 @@ def limit(v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn_rate(forward, aside, limit, p):  # type: ignore[no-untyped-def]
-    """Return the fastest turn rate towards a point in the robot's frame at which the robot can still brake in time."""
+    """Return the fastest turn rate, rad/s, up to ``limit``, at which the robot can still stop when it faces a point.
+
+    The point is ``forward`` and ``aside`` (to the left) of the robot, m.
+    """
     off = math.atan2(aside, forward)
     return math.copysign(min(limit, math.sqrt(2.0 * _BRAKE * p.omega_rate * abs(off))), off)
 
@@ -148,9 +153,9 @@ def _mppi_command(g, off, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Return speed and turn rate of MPPI's next step on the way to (v, omega).
+    """Return the speed, m/s, and the turn rate, rad/s, of MPPI's next step, for the target velocities (v, w).
 
-    MPPI improves its last plan a little in each cycle, so both only approach their targets.
+    MPPI improves its last plan a little in each cycle, so both values only approach their targets.
     """
     now, turn = 0.5 * (g.left + g.right), (g.right - g.left) * p.per_base
     return limit(now + p.mppi_speed_share * (v - now), turn + p.mppi_turn_share * (w - turn), p)
@@ -158,8 +163,9 @@ def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
 
 @kernel
 def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return (ok, v, omega) if the direct arc to ``target`` is not admissible.
+    """Return a command (ok, v, omega) for the case that the direct arc to ``target`` is not admissible.
 
+    ``ok`` is False if there is no admissible command.
     ``target`` is (x, y, omega): the target point relative to the robot, m, along the axes of the map, and the turn rate
     of the direct arc, rad/s.
     """
@@ -199,7 +205,7 @@ def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ig
 
 @kernel
 def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Run the local controller and return (ok, v, omega) for the next step."""
+    """Run the local controller and return (ok, v, omega) for the next step; ``ok`` is False if the way is blocked."""
     bx, by, ch, sh = pose
     points = g.nav_points
     at = g.nav_at
@@ -249,7 +255,7 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
 
 @kernel
 def drive_wheels(g, v, w, p):  # type: ignore[no-untyped-def]
-    """Let the wheels follow (v, w) within their acceleration, and set the force that gives the body their velocity."""
+    """Let the wheels follow (v, w) within their acceleration, and set the force that gives the body their speed."""
     change = p.wheel_rate * p.dt
     left, right = v - w * p.half_base, v + w * p.half_base
     left = min(max(left, g.left - change), g.left + change)

@@ -68,17 +68,17 @@ class DriveGrid:
         return np.packbits(self.neighbours >= 0, axis=1, bitorder="little").ravel()
 
     def locate(self, position: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
-        """Return column and row of each position (M, 2), and a mask of the positions on the grid."""
+        """Return column and row of each position (M, 2), m, and a mask of the positions on the grid."""
         columns, rows = _apply(self.affine, position[:, 0], position[:, 1])
         column, row = np.floor(columns).astype(np.int64), np.floor(rows).astype(np.int64)
         return column, row, self._inside(column, row)
 
     def cells_under(self, position: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Return the drivable cell under each position (M, 2), or -1."""
+        """Return the drivable cell under each position (M, 2), m, or -1."""
         return self._numbers(*self.locate(position)[:2])
 
     def cells_of_pixels(self, pixel: NDArray[np.int32], height: int) -> NDArray[np.int32]:
-        """Return the drivable cell of each pixel (M, 2) u, v of the map's image with ``height`` rows, or -1."""
+        """Return the drivable cell of each pixel (M, 2), column and row of the image with ``height`` rows, or -1."""
         return self._numbers(pixel[:, 0] - self.offset[0], height - 1 - pixel[:, 1] - self.offset[1])
 
     def _inside(self, column: NDArray[Any], row: NDArray[Any]) -> NDArray[np.bool_]:
@@ -91,7 +91,7 @@ class DriveGrid:
         return result
 
     def nearest_cell(self, x: float, y: float, within_m: float) -> int:
-        """Return the drivable cell nearest to (x, y) inside a square of half-width ``within_m``, or -1."""
+        """Return the drivable cell nearest to (x, y), m, inside a square of half-width ``within_m``, or -1."""
         cx, cy = _apply(self.affine, x, y)
         return int(_nearest(self.cell_id, cx, cy, within_m / self.resolution + 0.5))
 
@@ -115,7 +115,10 @@ class DriveGrid:
 
 @kernel
 def _nearest(cell_id, cx, cy, reach):  # type: ignore[no-untyped-def]
-    """Return the number in ``cell_id`` (H, W) nearest to (cx, cy), at most ``reach`` rows and columns away, or -1."""
+    """Return the number in ``cell_id`` (H, W) nearest to column ``cx`` and row ``cy`` (floats), or -1.
+
+    Only cells at most ``reach`` rows and columns away count.
+    """
     rows, columns = cell_id.shape
     number = -1
     least = np.inf
@@ -141,7 +144,7 @@ def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray
 
 
 def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Return the nearest non-negative number (H, W) of each cell (0 if there is none) and its distance in cells."""
+    """Return for each cell the nearest non-negative ``number`` (0: none) and its distance in cells, (H, W) each."""
     distance, label = cv2.distanceTransformWithLabels(
         (number < 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -157,9 +160,10 @@ def clearance_m(free: NDArray[np.bool_], resolution: float) -> NDArray[np.float3
 
 
 def inflate(clearance: NDArray[np.float32], resolution: float, robot: RobotConfig, nav2: Nav2Config) -> NDArray:
-    """Return the costs of Nav2's inflation layer from each cell's distance d to the nearest obstacle's centre.
+    """Return the costs (H, W) of Nav2's inflation layer; ``clearance`` (H, W), m, is the distance d to an obstacle.
 
-    254 at d = 0, 253 up to the inscribed radius, then floor(252 exp(-k (d - r))) up to ceil(R / resolution) cells.
+    The cost is 254 at d = 0, 253 up to the inscribed radius r, then floor(252 exp(-k (d - r))) up to the inflation
+    radius R, rounded up to whole cells.
     """
     cost = np.zeros(clearance.shape, np.uint8)
     near = clearance <= math.ceil(nav2.inflation_radius_m / resolution) * resolution + 1e-6
@@ -222,8 +226,9 @@ def build_grid(
     pellets: PelletConfig,
     home: tuple[float, float, float] | None = None,
 ) -> DriveGrid:
-    """Compute the drivable grid around ``home``, x, y (m), heading (rad); None: (0, 0, 0) if the robot can stand there.
+    """Compute the drivable grid around ``home``, x, y (m), heading (rad).
 
+    If it is None, the robot starts at (0, 0, 0), or at the widest place of the largest part if it cannot stand there.
     Raises MapError if the map has no place for the robot, or if the given home pose is not drivable.
     """
     res = occupancy.resolution
@@ -294,7 +299,7 @@ def build_grid(
 
 @kernel
 def cell_of(affine, shape_rows, shape_columns, x, y):  # type: ignore[no-untyped-def]
-    """Return column and row of a world position in m, clipped to the grid; ``affine`` (6,) maps m to cells."""
+    """Return column and row of (x, y), m, clipped to a grid of this shape; ``affine`` (6,) maps m to cells."""
     column = int(affine[0] * x + affine[1] * y + affine[2])
     row = int(affine[3] * x + affine[4] * y + affine[5])
     return min(max(column, 0), shape_columns - 1), min(max(row, 0), shape_rows - 1)

@@ -1,6 +1,7 @@
 """Simulate the robot's lidar: ranges to the first cell of the drive grid that is not free, with sensor noise.
 
-The lidar only sees the map; nothing that moves stops a ray.
+The lidar only sees the map; nothing that moves stops a ray. In the kernels (x, y) is the robot's position and (ux, uy)
+the direction of a ray, in cells; ``clearance_cm`` (H, W) is 0 if not free.
 """
 
 import math
@@ -23,7 +24,7 @@ _NORMAL = (_NORMAL / _NORMAL.std()).astype(np.float32)
 
 @kernel
 def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-untyped-def]
-    """Lengthen ``ranges`` (R,), in cells, by the clearance at the ends of the rays; outside the grid they grow."""
+    """Lengthen each ray in ``ranges`` (R,), cells, by the clearance of the grid cell nearest to its end."""
     rows, columns = clearance_cm.shape
     for k in range(len(ranges)):
         t = ranges[k]
@@ -37,9 +38,9 @@ def _jump(clearance_cm, cells_per_cm, x, y, ux, uy, ranges):  # type: ignore[no-
 def _walk(clearance_cm, x, y, ux, uy, t, limit):  # type: ignore[no-untyped-def]
     """Return the distance from (x, y) along a unit vector to the first cell that is not free, all in cells.
 
-    The search starts at the distance ``t``: there is no such cell before. Without one before ``limit`` or the edge of
-    the grid, the result is ``limit``. Crossings of cell edges (Amanatides and Woo 1987) are computed from (x, y), so
-    that ``t`` does not affect the result.
+    The search starts at the distance ``t``, up to which all cells are free. If all cells up to ``limit`` or the grid's
+    edge are free, the result is ``limit``. Crossings of cell edges (Amanatides and Woo 1987) are computed from (x, y),
+    so that ``t`` does not affect the result.
     """
     rows, columns = clearance_cm.shape
     at_x, at_y = x + t * ux, y + t * uy

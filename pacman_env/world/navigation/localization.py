@@ -22,7 +22,7 @@ def record_fields(kind: Any, names: str) -> list[tuple[str, Any]]:
 LOCALIZATION_FIELDS = [
     *record_fields(np.float64, "error_x error_y error_heading"),  # at the last update: m, m, rad
     *record_fields(np.float64, "error_cos error_sin"),  # cosine and sine of error_heading
-    *record_fields(np.float64, "bias_x bias_y bias_heading"),  # offset of the pose to which the filter converges
+    *record_fields(np.float64, "bias_x bias_y bias_heading"),  # mean error, to which the filter converges
     *record_fields(np.float64, "amcl_x amcl_y amcl_heading"),  # the latched pose
     *record_fields(np.int32, "amcl_step"),  # physics step of the last update
     *record_fields(np.float64, "odom_x odom_y odom_heading"),  # true pose at the last update

@@ -1,7 +1,8 @@
 """Simulated Nav2: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
 Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller. ``p``
-is a record of ``PARAMETERS``, and ``step`` a physics step.
+is a record of ``PARAMETERS``, ``step`` a physics step, and (bx, by) the believed position, m. ``affine`` (6,) maps m to
+cells, and ``clearance`` (H, W) is in cm.
 """
 
 import numpy as np
@@ -31,7 +32,7 @@ NAVIGATOR_FIELDS = [
     *record_fields(np.int32, "nav_no_path_step nav_no_control_step"),  # step of the failure, -1: no failure
     *record_fields(np.float64, "nav_progress_x nav_progress_y"),
     *record_fields(np.int32, "nav_progress_step nav_stuck_step"),  # first step of being stuck, -1: not stuck
-    *record_fields(np.int32, "nav_wait_step"),  # recovering until this step
+    *record_fields(np.int32, "nav_wait_step"),  # step until which the robot recovers
     *record_fields(np.int32, "nav_result nav_result_goal"),  # result of the last goal that ended, until it is read
     *record_fields(np.int32, "nav_last nav_last_step"),  # the last result and its step
     *record_fields(np.int32, "nav_accept_steps"),
@@ -105,7 +106,10 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 @kernel
 def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """Start the accepted goal and plan, if due; writes the plan to ``paths[i]``. ``obstacles`` are (G, 5)."""
+    """If they are due, start the accepted goal and write a new plan to ``paths[i]``; ``obstacles`` are (G, 5).
+
+    ``goal_xy`` and ``nav`` are the arrays of ``planner.Fields``, ``search`` is the planner's memory.
+    """
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
     if _goal_due(g, step):

@@ -26,14 +26,14 @@ _STRAIGHT, _DIAGONAL, _KNIGHTS = 0x1111, 0x4444, 0xAAAA
 
 _START = 16  # instead of a direction: the path begins at this cell
 _SETTLED = 32  # added to a cell's direction when its cost is final
-_PAD = 2  # longest step
+_PAD = 2  # margin of the image: the longest step
 #: Steps that can be best on open floor for each direction of arrival, in rising order.
 _ONWARDS = np.sort((np.arange(16)[:, None] + (-1, 0, 1)) % 16, axis=1)
 _EXACT_BELOW = 65536.0  # up to this, rounding errors of costs are smaller than the cost of a detour
 #: All data of a search for one cell of the padded image, stored together.
 _PLACE = np.dtype(
     [
-        ("cost", np.float32),  # so far
+        ("cost", np.float32),  # cost of the best path so far
         ("weight", np.float32),
         ("metres", np.float32),
         ("allowed", np.uint16),  # one bit per direction
@@ -111,7 +111,7 @@ class PathFields:
         )
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
-        """Return ``length_cm`` and ``next_step`` (K,) of a goal cell, read-only; k + next_step[k] follows cell k."""
+        """Return ``length_cm`` and ``next_step`` (K,) to a goal cell, read-only; cell k leads to k + next_step[k]."""
         arrays = self._fields.get(goal)
         if arrays is None:
             count = len(self._at)
@@ -124,10 +124,11 @@ class PathFields:
 
 @kernel
 def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-untyped-def]
-    """Write cells, numbers, and 1 for cells of weight 1, to the flat images ``picture``, ``number`` and ``light``.
+    """Fill three flat images of the padded map; ``number`` must be -1 everywhere before.
 
-    ``at`` (K,) are the places of the cells in the padded images, ``weight`` (K,) their weights, and ``offset`` (17,)
-    the steps in an image.
+    ``picture`` gets the weights and allowed directions, ``number`` the number of each cell, and ``light`` 1 where the
+    weight is 1. ``at`` (K,) are the indices of the cells in the images and ``weight`` (K,) their weights. ``offset``
+    (17,) is the difference of the indices for a step in each direction.
     """
     for place in picture:
         place.cost = place.weight = np.inf
@@ -225,7 +226,7 @@ def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
 
 
 def step_lengths(steps: NDArray[np.int64]) -> NDArray[np.float32]:
-    """Return the length (S,) of each step (S, 2), columns and rows, in cells, float32."""
+    """Return the length (S,), cells, of each step by columns and rows (S, 2), as float32."""
     return np.hypot(steps[:, 0], steps[:, 1]).astype(np.float32)
 
 
@@ -247,7 +248,7 @@ _SIDE = 2 * _REACH + 1
 CODES = 1 + _SIDE**2
 _codes = np.arange(CODES) - 1
 _lengths = np.hypot(_codes % _SIDE - _REACH, _codes // _SIDE - _REACH)
-LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # of each code's step: cells, reciprocal
+LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # each code's length, cells; 1 / length
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
@@ -271,7 +272,7 @@ def coarse_step(code):  # type: ignore[no-untyped-def]
 
 @kernel
 def tile_index(column, row, across):  # type: ignore[no-untyped-def]
-    """Return the memory index of a cell, with ``across`` tiles in a row."""
+    """Return the index of a cell in the flat array of tiles; a row of the grid has ``across`` tiles."""
     return ((row >> 3) * across + (column >> 3) << 6) + ((row & 7) << 3) + (column & 7)
 
 

@@ -4,7 +4,7 @@ No other module uses pymunk. Robots only touch walls. If a robot cannot reach a 
 lines of arithmetic, which :func:`move` does itself with the same bits. Near a wall the robot is in its own space with
 all walls of its map, and stays there until the solver has forgotten the contact. Bodies are driven by forces, never by
 setting velocities: Chipmunk integrates positions first, and overwriting the solver's velocity would push a body into
-the wall that it touches.
+the wall that it touches. ``affine`` (6,) maps m to cells, and ``calls`` (4,) are addresses of Chipmunk's functions.
 """
 
 import atexit
@@ -28,15 +28,15 @@ BODY_FIELDS = [
     *record_fields(np.float64, "force_x force_y"),  # force for the next step, N
     *record_fields(np.int32, "touch"),  # remaining steps in a space
 ]
-_GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity and force; position and velocity
+_GIVEN, _TAKEN = 6, 4  # numbers per body: position, velocity, force for Chipmunk; position, velocity from it
 _HANDLE, _GIVE, _GIVE_COUNT, _TAKE, _TAKE_COUNT = range(5)  # columns of the space table
 _EACH, _STEP, _GIVE_FUNCTION, _TAKE_FUNCTION = range(4)  # addresses of Chipmunk's functions, named below
 _CALLED = "cpSpaceEachBody", "cpSpaceStep", "pmSpaceBodySetIteratorFuncBatched", "pmSpaceBodyGetIteratorFuncBatched"
-_REMEMBERS = 5  # steps, more than Chipmunk keeps a contact (collision_persistence, 3)
+_REMEMBERS = 5  # steps in a space after a contact, more than Chipmunk keeps it (collision_persistence, 3)
 _FAR_M = 1e6
 _NONE = _FREE = -1  # instead of the number of a space or a robot
 _PLACE = pymunk.batch.BodyFields.POSITION | pymunk.batch.BodyFields.VELOCITY
-_SPARE_M = 0.001  # more than rounding
+_SPARE_M = 0.001  # margin that exceeds rounding errors
 _COLLISION_SLOP_M = 0.001  # overlap that the solver tolerates; Chipmunk's default of 0.1 is for pixels
 
 
@@ -73,7 +73,7 @@ def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
 
 
 def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
-    """Return by how many m (N,) a disc at each place (N, 2) overlaps the nearest wall; negative: its distance."""
+    """Return by how much, m (N,), a disc at each place (N, 2) overlaps the nearest wall (S, 4); negative: a gap."""
     return radius_m - np.hypot(*np.moveaxis(_from_walls(walls, places), 2, 0)).min(axis=1)
 
 
@@ -105,8 +105,8 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
 def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
     """Move a robot's body by one step under its force; return False, without any change, if it needs a space.
 
-    Robot ``i`` enters a free space near a wall and leaves it when the contact is forgotten. ``clear`` (H, W) is True
-    for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
+    Near a wall, robot ``i`` enters an unused space of its map ``level``; it leaves when the contact is forgotten.
+    ``clear`` (H, W) is True for cells in which a robot touches no wall; ``spaces`` are :attr:`Spaces.arrays`.
     """
     rows, columns = clear.shape
     if g.touch == 0:
@@ -141,7 +141,7 @@ def move(g, i, level, affine, clear, p, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
-    """Let robot i enter a free space with the walls of a level; return False if there is none."""
+    """Let robot i enter an unused space with the walls of a level; return False if there is none."""
     _, _, _, _, owners, levels, space_of = spaces
     count = len(levels)
     for j in range(count):
@@ -154,7 +154,7 @@ def _enter(i, level, spaces):  # type: ignore[no-untyped-def]
 
 @kernel
 def _step_space(space, calls, seconds):  # type: ignore[no-untyped-def]
-    """Copy the numbers of the body to a space, a row of the space table, and step it by ``seconds``."""
+    """Copy the body's numbers to its space, a row of the space table, and step the space by ``seconds``."""
     store_int(space[_GIVE_COUNT], 0)
     call_each(calls[_EACH], space[_HANDLE], calls[_GIVE_FUNCTION], space[_GIVE])
     call_step(calls[_STEP], space[_HANDLE], seconds)
@@ -267,7 +267,7 @@ class _Space:
         return _address(self.space._space), give, give_count, take, take_count
 
     def _batched(self, fields: pymunk.batch.BodyFields, memory: NDArray[np.float64]) -> tuple[int, int]:
-        """Return the addresses of the data and the counter for pymunk's batched reading or writing of ``memory``."""
+        """Let a pymunk batch copy ``fields`` to or from ``memory``; return the addresses of its data and counter."""
         buffer = pymunk.batch.Buffer()
         buffer.set_float_buf(memory)
         data = ffi.new("pmBatchedData *")

@@ -4,7 +4,7 @@ The planner follows the static path fields at NavFn's rate, and searches a detou
 the path. Kernels work on one game's record ``g``, its plan ``path`` (PATH_POINTS, 2) and its obstacles (G, 5). The
 columns are x, y (m), the distance to keep, which the planner fills in (0: ignored), and the step until which it is no
 obstacle; the planner does not use the last column. ``fields`` are :class:`Fields`, ``p`` is a record of ``PARAMETERS``,
-and (bx, by) the believed position, m.
+``search`` is the result of :func:`detour_memory`, and (bx, by) the believed position, m.
 """
 
 import math
@@ -19,7 +19,7 @@ from .grid import cell_of
 from .paths import AT_GOAL, NO_STEP, STEPS16, UNREACHABLE_CM
 
 PATH_POINTS = 64
-_PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next one plus the controller's look-ahead
+_PATH_METRES = 1.2  # written length of a plan: MAX_BLIND_M until the next plan, and the controller's look-ahead
 _ON_PATH = 0.15  # largest distance in m from the path at which the rest of a plan is kept
 _DETOUR_AHEAD_CM = 200  # a ghost farther along the path has moved before the robot gets there
 _SEARCH_M2 = 20.0  # largest area to search for a detour
@@ -35,8 +35,8 @@ class Fields(NamedTuple):
     snap: Any  # (H, W) number of the nearest drivable cell
     steps: Any  # (K,) uint8, one bit per drivable neighbour
     cell_xy: Any  # (K, 2) m
-    length_cm: Any  # (K, M)
-    next_step: Any  # (M, K)
+    length_cm: Any  # (K, M) path length from each cell to each goal
+    next_step: Any  # (M, K) next cell towards each goal, as a difference of cell numbers
     goal_xy: Any  # (M, 2) m
 
 
@@ -49,7 +49,7 @@ def cell_at(fields, x, y):  # type: ignore[no-untyped-def]
 
 @kernel
 def _blocked(cell, goal, cx, cy, keepout, fields):  # type: ignore[no-untyped-def]
-    """Return True if the static path to the goal passes within ``keepout``, m, of an obstacle at (cx, cy)."""
+    """Return True if the next 2 m of the static path to the goal come within ``keepout`` of an obstacle (cx, cy), m."""
     cell_xy, length_cm, next_step = fields.cell_xy, fields.length_cm, fields.next_step
     dx, dy = cell_xy[cell, 0] - cx, cell_xy[cell, 1] - cy
     distance_cm = math.sqrt(dx * dx + dy * dy) * 100.0
@@ -118,7 +118,7 @@ def _extend_plan(g, path, bx, by, p, fields):  # type: ignore[no-untyped-def]
 
 
 def detour_memory(cells: int, longest_cm: int, resolution: float) -> tuple[NDArray[np.int32], Queue]:
-    """Return node table and queue for detours over ``cells`` drivable cells."""
+    """Return node table (K, 4) and queue for detours on a map with K = ``cells`` and static paths of ``longest_cm``."""
     searched = min(round(_SEARCH_M2 / resolution**2), _SEARCH_CELLS_MAX)
     keys = (_GREED + 2) * longest_cm + 2000  # longer detours are ignored
     return np.zeros((cells, 4), dtype=np.int32), new_queue(keys, _PUSHES * searched)
@@ -138,8 +138,8 @@ def _keepout_violated(x, y, obstacles):  # type: ignore[no-untyped-def]
 def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ignore[no-untyped-def]
     """Plan around obstacles by A* with static path lengths as estimate; return the number of points (0: no path).
 
-    The search ends at a cell with a free rest of the static path (shorter than ``clear_cm``), at the goal or, if an
-    obstacle is on the goal, at the first cell within the planner's tolerance of the goal.
+    The search ends at a cell behind the obstacles, where the static path is shorter than ``clear_cm``, or at the goal.
+    If an obstacle is on the goal, it ends at the first cell within the planner's tolerance of the goal.
     """
     cell_xy, length_cm = fields.cell_xy, fields.length_cm
     node, queue = search
@@ -207,9 +207,10 @@ def _detour(g, path, start, obstacles, clear_cm, p, fields, search):  # type: ig
 
 @kernel
 def _keep_distances(start, goal, obstacles, step, p, fields):  # type: ignore[no-untyped-def]
-    """Set the distance to keep from each obstacle, and return the length of the free rest of the static path, cm.
+    """Set the distance to keep from each obstacle, and return the length, cm, of the static path behind them.
 
-    -1: no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, to get away.
+    The result is -1 if no obstacle blocks the path. A robot near an obstacle only has to keep its present distance, so
+    that it can get away.
     """
     clear_cm = -1
     for k in range(len(obstacles)):
