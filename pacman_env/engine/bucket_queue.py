@@ -13,7 +13,7 @@ from .jit import kernel
 
 class Queue(NamedTuple):
     heads: Any = Array(np.int32, "b")  # newest entry of each bucket
-    stamps: Any = Array(np.int32, "b")  # number of the clearing that wrote the head
+    stamps: Any = Array(np.int32, "b")  # number of the last ``clear`` before the head was written
     following: Any = Array(np.int32, "e")  # next entry of the same bucket
     items: Any = Array(np.int32, "e")
     state: Any = Array(np.int64, "4")

@@ -83,5 +83,5 @@ def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tupl
 
 
 def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
-    """Return the mean score of each task in each bootstrap replicate, (R, T)."""
+    """Return the mean score of each of T tasks, arrays (n,), in each of R bootstrap replicates, (R, T)."""
     return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)

@@ -127,7 +127,7 @@ class RecordedGame:
 
 
 def film(games: Sequence[RecordedGame], height: int, theme: Theme = "light") -> Iterator[Frame]:
-    """Yield one frame per tick, the games next to each other, until all games have ended."""
+    """Yield one frame per tick, ``height`` px high, with the games next to each other, until all have ended."""
     panels = [game.picture(height, theme) for game in games]
     yield np.hstack(panels)
     while not all(game.over for game in games):

@@ -194,7 +194,7 @@ class GoalExecutor:
         return self._step(RESULT, REJECTED, self.pose, now)[1]
 
     def _continue(self, now: float) -> list[ExecutorAction]:
-        """Do everything that is due: repeat cancels, give up an unanswered goal, drive home."""
+        """Do the first thing that is due: repeat cancels, give up an unanswered goal, or drive home."""
         if self._held or not self.driving:  # a cancel may have been lost, or Nav2 was absent
             return self._cancel_all(now) if self._nav2_there and not self.sent.settling(now) else []
         if self.sent.current is not None:

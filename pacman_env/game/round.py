@@ -138,7 +138,10 @@ class RoundController:
         }
 
     def restore(self, values: Mapping[str, Any], now: float) -> list[Action]:
-        """Resume from a snapshot; a round that has not begun is reset. Raises ValueError for an invalid snapshot."""
+        """Resume from a snapshot and return the actions to announce it; a round that has not begun is reset.
+
+        Raises ValueError for an invalid snapshot.
+        """
         saved: Snapshot = convert(values, Snapshot, "snapshot")
         pellets: dict[str, Any] = {}
         for name in vars(_Pellets()):

@@ -265,7 +265,10 @@ class PlayedRound:
         return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 
     def why_now(self) -> dict[str, Any]:
-        """Return the terms of the candidates at the present tick, without replay."""
+        """Explain the present tick: return the terms of each policy's scores for all allowed candidates.
+
+        Unlike :meth:`why`, this does not replay the policies from the first tick.
+        """
         return self._terms(self._situation, copy.deepcopy(self._policies), self.snapshots[-1].goal)
 
     def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
@@ -304,7 +307,10 @@ class Recordings:
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
 
     def keep(self, played: PlayedRound, **facts: Any) -> str:
-        """Store a round with its summary and ``facts`` (docs/dev/web_protocol.md, "stories"); describe it in words."""
+        """Store a round with its summary and ``facts``, and return a description of the round in words.
+
+        The summary has the fields of an entry of ``stories`` (docs/dev/web_protocol.md). Only the last rounds are kept.
+        """
         self.count += 1
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]

@@ -119,7 +119,7 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 
 def tables(content: dict[str, Any]) -> Iterator[str]:
-    """Yield the paragraphs of all groups of maps."""
+    """Yield for each group of maps a heading, a sentence about its rounds and the table of its cells, as Markdown."""
     for group, cells in groups_of(content["rows"]).items():
         yield f"## {group[0].upper()}{group[1:]}"
         yield about_group(content, cells[0])

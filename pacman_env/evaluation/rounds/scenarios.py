@@ -121,7 +121,7 @@ def scenario_name(scenario: Scenario, config: Config) -> str:
 
 
 def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Config) -> dict[str, Any]:
-    """Return plain data that identifies a scenario in a result file; for levels with the hash of the first level."""
+    """Return plain data that identifies a scenario in a result file. Levels have the hash of the first level."""
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}

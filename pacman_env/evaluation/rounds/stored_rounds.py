@@ -188,7 +188,7 @@ def _read_files(paths: Sequence[Path], what: dict[str, Any]) -> list[Played]:
 
 
 def _read_file(path: Path, what: dict[str, Any]) -> Played:
-    """Return the rounds of a file; raises OSError, or ValueError with the file's name if it is damaged."""
+    """Return the rounds of a file; raises OSError, or ValueError if it is damaged or has rounds of other matchups."""
     content = parse(RoundsFile, path.read_bytes(), path)
     if content.decides != what:
         raise ValueError(f"{path}: decides: of other rounds")

@@ -41,7 +41,7 @@ class RosView:
         self._notice = ""  # text that the page shows instead of a game
 
     def find_game(self) -> bool:
-        """Check whether there is a referee; return True if it has just disappeared."""
+        """Check whether there is a referee, and tell people of a change; return True if it has just disappeared."""
         node = self._node
         exists = node.count_publishers(node.resolve_topic_name(topics.GAME_STATE.name)) > 0
         existed, self.game_is_there = self.game_is_there, exists

@@ -37,7 +37,7 @@ class PoseWatch:
         self.other_map = ""  # how localization's map differs from the game's; empty: it does not
 
     def reasons(self, now: float) -> dict[str, str]:
-        """Return a text for each reason not to play with the pose at ``now``, s; empty if the reason does not apply."""
+        """Return, by reason, why the robot must not play at the time ``now``, s; empty if a reason does not apply."""
         silent_s, without_s = self._believed.silent_s(now), self._believed.without_odometry_s(now)
         lost = silent_s > self._limits.lost_s
         no_odometry = lost and without_s > self._limits.lost_s / 2  # without odometry AMCL is silent, too

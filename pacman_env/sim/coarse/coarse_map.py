@@ -132,7 +132,7 @@ def _in_units(length: NDArray[np.int32], unit_m: float) -> NDArray[np.uint16]:
 
 @kernel
 def _look_up(numbers, table):  # type: ignore[no-untyped-def]
-    """Return the entries of ``table`` for the lower triangle of the indices ``numbers`` (A, A), row by row."""
+    """Return ``table[numbers]`` for the lower triangle of ``numbers`` (A, A), with its diagonal, row by row."""
     count = len(numbers)
     entries = np.empty(count * (count + 1) // 2, table.dtype)
     at = 0
@@ -277,7 +277,7 @@ def _find_lengths(start, ends, cost, length):  # type: ignore[no-untyped-def]
 
 @kernel
 def _search(first, start, ends, cost, least):  # type: ignore[no-untyped-def]
-    """Lower the lengths ``least`` (A, _TARGETS), mm, of the blocks from ``first`` on, in sweeps until none changes."""
+    """Shorten the paths ``least`` (A, _TARGETS), mm, from block ``first`` and later ones, until none gets shorter."""
     count = len(start) - 1
     changed = np.ones(count, np.bool_)
     left, sweep = count, 0

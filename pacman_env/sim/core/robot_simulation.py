@@ -334,7 +334,7 @@ def _wheels(g: Any, wheel_base_m: float) -> tuple[float, float]:
 
 
 def _place_at_rest(g: Any, spaces: Spaces, at: Pose) -> None:
-    """Place the robot at a pose, at rest; its wheels may turn."""
+    """Place the robot at a pose and set its velocity to zero; the speeds of its wheels do not change."""
     spaces.leave(np.zeros(1, dtype=np.int64))
     place_body(g, at[0], at[1])
     g["x"], g["y"], g["vx"], g["vy"], g["heading"] = at[0], at[1], 0.0, 0.0, at[2]

@@ -20,7 +20,8 @@ def time_warning(assets: MapAssets, config: Config) -> str | None:
     limit = config.time_limit_s
     if need <= limit:
         return None
-    longer, also = (math.ceil(_SPARE * part / 100) * 100 for part in (need, need / 2))  # with half the way for ``also``
+    # ``also`` is the limit for twice the spacing, which is assumed to halve the time.
+    longer, also = (math.ceil(_SPARE * part / 100) * 100 for part in (need, need / 2))
     spacing = f"pellets.spacing_m={2 * config.pellets.spacing_m:g}" + (f" with time_limit_s={also}" * (also > limit))
     return (
         f"{assets.pellets} pellets need about {need:.0f} s even without ghosts, but time_limit_s is {limit:g}, so most "

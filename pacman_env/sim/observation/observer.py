@@ -145,7 +145,10 @@ class Observer:
         return self.finish()
 
     def finish(self) -> Observation:
-        """Fill the kinds without kernels, write the rows of the observation, and return ``result``."""
+        """Complete the observation after its pipeline has run, and return ``result``.
+
+        Kinds of observation that are not compiled are filled here; then the rows are written here, too.
+        """
         if self._filled:
             for kind in self._filled:
                 self._fill(kind, self.situation)
@@ -180,7 +183,7 @@ class Observer:
                 kind.maps_changed(self.situation, slots)
 
     def maps_wanted(self) -> None:
-        """Prepare the maps that a stage requested by a negative result."""
+        """Prepare missing maps. Call it when a pipeline returns a negative number, and then run the pipeline again."""
         for kind in self._compiled:
             if kind.maps_wanted is not None:
                 kind.maps_wanted(self.situation)

@@ -144,7 +144,10 @@ def connected_parts(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int32], NDArray
 
 
 def nearest_numbers(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    """Return for each cell the nearest non-negative ``number`` (0: none) and its distance in cells, (H, W) each."""
+    """Find for each cell the nearest cell whose ``number`` (H, W) is not negative.
+
+    Return that cell's number, or 0 if there is no such cell, and its distance in cells, (H, W) each.
+    """
     distance, label = cv2.distanceTransformWithLabels(
         (number < 0).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )

@@ -265,7 +265,7 @@ def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: t
 
 @kernel
 def coarse_step(code):  # type: ignore[no-untyped-def]
-    """Return the columns and rows by which the coarse step of a code advances."""
+    """Decode a coarse step: return the numbers of columns and rows that it advances; ``code`` is at least 1."""
     row = (code - 1) // _SIDE
     return code - 1 - row * _SIDE - _REACH, row - _REACH
 
