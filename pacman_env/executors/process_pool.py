@@ -57,7 +57,7 @@ class LocalProcesses(Executor):
     def _submit(self, function: Callable[[Task], Result], number: int, task: Task) -> Future[Done[Result]]:
         try:
             return self._pool.submit(attempt, function, number, task)
-        except BrokenProcessPool:
+        except (BrokenProcessPool, OSError):  # OSError: the pool breaks while it starts a process for this task
             self._terminate()
             return self._pool.submit(attempt, function, number, task)
 

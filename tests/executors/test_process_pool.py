@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -34,6 +35,22 @@ def test_executor_leaves_no_process(tmp_path: Path) -> None:
         numbers = set(executor.map(functions.note_and_wait, [(str(tmp_path), k) for k in range(4)]))
     assert os.getpid() not in numbers
     assert not any(map(psutil.pid_exists, numbers))
+
+
+def test_pool_that_breaks_while_it_starts_is_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its queue is closed by another thread in the middle of the start of a process."""
+    starts, start = [], ProcessPoolExecutor._spawn_process  # type: ignore[attr-defined]
+
+    def break_once(pool: ProcessPoolExecutor) -> None:
+        starts.append(pool)
+        if len(starts) == 2:
+            raise OSError("handle is closed")
+        start(pool)
+
+    monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", break_once)
+    with LocalProcesses(2) as executor:
+        assert executor.map(abs, [-1, -2, -3]) == [1, 2, 3]
+    assert len(starts) > 2
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
