@@ -39,7 +39,7 @@ from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds
 from pacman_env.evaluation.rounds.scenarios import load_policy
 from pacman_env.executors.executor import Executor, bar_of
-from pacman_env.executors.options import add_executor_arguments, executor_of
+from pacman_env.executors.executor_options import add_executor_arguments, executor_of
 from pacman_env.files import commit, prepare
 from pacman_env.plugins import suggest
 from pacman_env.policies.policy_calls import choose, reset

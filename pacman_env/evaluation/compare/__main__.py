@@ -21,7 +21,7 @@ from pacman_env.evaluation.compare.text_table import WIDTH, groups, render, verd
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.matchups import Matchup
 from pacman_env.evaluation.rounds.stored_rounds import play_left
-from pacman_env.executors.options import add_executor_arguments
+from pacman_env.executors.executor_options import add_executor_arguments
 from pacman_env.files import prepare, write_text
 
 POLICIES = ("clyde_aware", "ppo", "lookahead", "nearest", "random_pellet")

@@ -17,7 +17,7 @@ from pacman_env.evaluation.rounds.matchups import Played
 from pacman_env.evaluation.rounds.scenarios import GAME_FIELDS, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.stored_rounds import describe_policy
 from pacman_env.evaluation.rounds.summary import SCHEMA, Row, make_row, worst_tenth
-from pacman_env.executors.options import without_executor
+from pacman_env.executors.executor_options import without_executor
 from pacman_env.files import commit
 
 _OUTPUTS = ("parts", "resume", "json", "plot", "video", "html", "markdown", "threads")

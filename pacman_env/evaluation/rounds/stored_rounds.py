@@ -28,7 +28,7 @@ from pacman_env.evaluation.rounds.matchups import Matchup, Played, play_all
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario, describe_scenario, is_checkpoint, load_policy
 from pacman_env.evaluation.rounds.user_code import hash_of_code, hash_of_files
 from pacman_env.executors.executor import Executor, bar_of
-from pacman_env.executors.options import executor_of
+from pacman_env.executors.executor_options import executor_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.game.ghosts import behaviour_module, find_behaviour
 from pacman_env.policies.base import Policy

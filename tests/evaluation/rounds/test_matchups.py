@@ -5,7 +5,7 @@ import pytest
 
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.rounds.matchups import Matchup, play_all
-from pacman_env.executors.options import local
+from pacman_env.executors.executor_options import local
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG, played, played_on_levels
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from pacman_env.engine.cores import cores
 from pacman_env.executors.executor import InProcess
-from pacman_env.executors.options import add_executor_arguments, executor_of
+from pacman_env.executors.executor_options import add_executor_arguments, executor_of
 from pacman_env.executors.process_pool import LocalProcesses
 
 
