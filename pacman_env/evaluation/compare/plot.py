@@ -1,5 +1,6 @@
 """Plot of a comparison: completion with intervals and how the rounds ended, or pellets of endless games."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
 
 _COMPLETE, _ALL_BUT_ONE = ENDS[COMPLETE].chart, "#56B4E9"
 _DARK = ENDS[COMPLETE].chart, ENDS[CAUGHT].chart  # text on them is white
+_TITLE_WIDTH = 115  # characters
 _ROOM_FOR_TEXT = 0.08  # narrower parts of a bar have no number
 
 
@@ -24,7 +26,7 @@ def save_plot(rows: Sequence[Row], path: Path, title: str) -> None:
     heights = [0.75 + 0.55 * len(band) for band in bands]
     figure = Figure(figsize=(12.5, sum(heights) + 1.7), dpi=110, layout="constrained")
     grid = figure.subplots(len(bands), 2, squeeze=False, height_ratios=heights, sharex="col" if endless else False)
-    figure.suptitle(title, fontsize=13)
+    figure.suptitle("\n".join(textwrap.fill(line, _TITLE_WIDTH) for line in title.splitlines()), fontsize=13)
     for (left, right), band in zip(grid, bands, strict=True):
         for axes, draw in ((left, _means if endless else _rates), (right, _games if endless else _ends)):
             draw(axes, band, np.arange(len(band)))
