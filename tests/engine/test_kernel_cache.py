@@ -17,6 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from pacman_env.engine import cache_folder, jit, kernel_cache
 from pacman_env.engine.cache_folder import PACKAGE, kernel_folder
 from tests.sample_kernels import write
+from tests.waiting import PATIENCE_S
 
 ROOT = PACKAGE.parent
 RESULTS = "0.5 5.5 0"
@@ -103,6 +104,32 @@ def test_processes_with_empty_cache_end_with_good_one(warm: Path, tmp_path: Path
     assert called(warm, tmp_path) == ("", "")
 
 
+#: Calls kernels, each in a thread of its own; one of them calls another one.
+THREADS = """
+import sys, threading
+from sample import helpers, kernels
+called = {"calls": kernels.calls, "grown": helpers.grown}
+threads = [threading.Thread(target=called[name], args=(1.0,)) for name in sys.argv[1:]]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(sum(sum(kernel.stats.cache_misses.values()) for kernel in called.values()), kernels.calls(1.0))
+"""
+
+
+def test_threads_of_two_processes_do_not_deadlock(tmp_path: Path) -> None:
+    folder = write(tmp_path / "sample")
+    known = {**os.environ, "PYTHONPATH": f"{folder}:{ROOT}", "PACMAN_ENV_CACHE": str(tmp_path / "cache")}
+    processes = [
+        subprocess.Popen([sys.executable, "-c", THREADS, *names], env=known, stdout=subprocess.PIPE, text=True)
+        for names in (["calls", "grown"], ["grown", "calls"])
+    ]
+    lines = [process.communicate(timeout=PATIENCE_S)[0].split() for process in processes]
+    assert sum(int(misses) for misses, _ in lines) == 2
+    assert {result for _, result in lines} == {"5.5"}
+
+
 @pytest.fixture
 def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The folder of this process's kernels."""
@@ -171,6 +198,27 @@ def test_folders_unused_for_thirty_days_are_removed(root: Path) -> None:
     folder = kernel_folder.__wrapped__()
     assert folder is not None
     assert {path.name for path in root.iterdir() if path.is_dir()} == {"recent", folder.name}
+
+
+def test_removed_folder_is_created_again(root: Path) -> None:
+    kernel: Any = compiled_half()
+    shutil.rmtree(root)
+    assert kernel(2) == 1.0
+    again: Any = compiled_half()
+    assert (again(2), hits(again)) == (1.0, 1)
+
+
+def test_failed_compilation_leaves_no_lock(root: Path) -> None:
+    kernel: Any = jit.kernel.__wrapped__(half)
+    with pytest.raises(Exception, match="No implementation"):
+        kernel("words")
+    (lock,) = root.glob("*/*.lock")
+    with lock.open() as free:
+        fcntl.flock(free, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    lock.unlink()
+    lock.mkdir()  # a folder cannot be locked
+    assert kernel(1.0) == 0.5
+    assert hits(compiled_half()) == 1
 
 
 def test_kernel_is_compiled_after_longest_wait(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,8 +67,7 @@ def _section(group: list[Row], *, power: bool) -> dict[str, Any]:
 
 def _league_sections(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
     rows = content["rows"]
-    _, about, _ = league_table.summary(rows)
-    means = league_table.means(rows)
+    means, about = league_table.means(rows), league_table.ABOUT_MEANS
     yield {"title": "Summary", "lead": about, "head": means.head, "rows": means.rows, "align": means.align}
     for name, cells in league_table.groups_of(rows).items():
         table, lead = league_table.cell_table(cells), league_table.about_group(content, cells[0])

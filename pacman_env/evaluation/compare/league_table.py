@@ -71,6 +71,9 @@ def against_best(cell: Sequence[Row]) -> tuple[str, str]:
     return verdict, with_interval(-best["paired_difference"], (low, high), "+")
 
 
+ABOUT_MEANS = "Completion over all cells of a group, each cell counting the same, and the cell in which it is least:"
+
+
 def means(rows: Sequence[Row]) -> LeagueTable:
     """Return a table with the mean and the lowest completion rate of each policy in each group of maps.
 
@@ -114,8 +117,7 @@ def about_group(content: dict[str, Any], cell: Sequence[Row]) -> str:
 
 def summary(rows: Sequence[Row]) -> list[str]:
     """Return the paragraphs of the summary."""
-    about = "Completion over all cells of a group, each cell counting the same, and the cell in which it is least:"
-    return [headline(rows), about, markdown(means(rows))]
+    return [headline(rows), ABOUT_MEANS, markdown(means(rows))]
 
 
 def tables(content: dict[str, Any]) -> Iterator[str]:

@@ -40,6 +40,11 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 SCHEMA: Literal[2] = 2
 _DIGITS = 24  # digits of a hash in a file name
 _FIELDS = EPISODE.names or ()
+_COLUMNS = {name: tuple[float, ...] if EPISODE[name].kind == "f" else tuple[int, ...] for name in _FIELDS}
+#: Records of n rounds, one tuple (n,) per field of ``EPISODE``, and decision times (m,) in ms.
+_PlayedRounds: Any = msgspec.defstruct(
+    "_PlayedRounds", [*_COLUMNS.items(), ("decision_ms", tuple[float, ...])], frozen=True, forbid_unknown_fields=True
+)
 
 
 class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -48,7 +53,7 @@ class RoundsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     schema: Literal[2]
     decides: dict[str, Any]  # everything that decides the rounds
     commit: str  # commit of the sources that played the rounds
-    rounds: dict[str, list[Any]]  # values (n,) by field of ``EPISODE``, and decision times (m,) in ms
+    rounds: _PlayedRounds
     sha256: str  # hash of ``rounds``, to detect damage
 
 
@@ -192,12 +197,18 @@ def _read_file(path: Path, what: dict[str, Any]) -> Played:
     content = parse(RoundsFile, path.read_bytes(), path)
     if content.decides != what:
         raise ValueError(f"{path}: decides: of other rounds")
-    if content.sha256 != content_hash(content.rounds):
+    rounds = msgspec.to_builtins(content.rounds)
+    if content.sha256 != content_hash(rounds):
         raise ValueError(f"{path}: sha256: not that of its rounds")
-    records = np.zeros(len(content.rounds["seed"]), dtype=EPISODE)
+    records = np.zeros(len(rounds["seed"]), dtype=EPISODE)
     for name in _FIELDS:
-        records[name] = content.rounds[name]
-    return records, np.array(content.rounds["decision_ms"], dtype=np.float64)
+        if len(rounds[name]) != len(records):
+            raise ValueError(f"{path}: rounds.{name}: must be {len(records)}")
+        try:
+            records[name] = rounds[name]
+        except OverflowError:
+            raise ValueError(f"{path}: rounds.{name}: a number is too large") from None
+    return records, np.array(rounds["decision_ms"], dtype=np.float64)
 
 
 def _concatenated(pieces: Sequence[Played]) -> Played:

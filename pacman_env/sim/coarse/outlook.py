@@ -159,7 +159,7 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
     """Write the outlook of each candidate in situation i to ``result`` (C, COLUMNS), 0 if not ``wanted`` (C,).
 
-    ``s`` are the arrays of the situations, ``level`` those of the map, and ``a`` are ``OutlookArrays``.
+    ``s`` are the arrays of the situations, ``level`` are the arrays of the map, and ``a`` are ``OutlookArrays``.
     """
     result[:] = 0.0
     m = coarse_arrays(level.later[COARSE_MAP])

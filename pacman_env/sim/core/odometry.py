@@ -53,7 +53,7 @@ class Odometry:
         self.origin = compose(after, inverse(compose(self.at(before), motion)))
 
     def lose_scans(self, true: Pose, filtered: Pose) -> None:
-        """From now on AMCL ignores the scan: its pose starts at ``filtered`` and follows the odometry."""
+        """Let AMCL ignore the scan from now on: its pose starts at ``filtered`` and follows the odometry."""
         if self._map_to_odom is None:
             self._map_to_odom = compose(filtered, inverse(self.at(true)))
 

@@ -267,7 +267,7 @@ def _bearing(dx, dy, cos, sin):  # type: ignore[no-untyped-def]
 def _fill_pellets(robot, position, path, goals, level, order, levels, out):  # type: ignore[no-untyped-def]
     """Write ``out`` (N, K, 7), the bearings of the candidates ``order`` (N, K); rows of ``MISSING`` stay 0.
 
-    The other arrays are those of a ``Situation``; ``levels`` are the addresses of the levels by slot.
+    The other arrays are arrays of a ``Situation``; ``levels`` are the addresses of the levels by slot.
     """
     for i in range(len(robot)):
         a = level_arrays(levels[level[i]])

@@ -125,7 +125,7 @@ def test_helper_of_any_policy_or_ghost_is_described(made: str, tmp_path: Path, m
     assert stored_rounds.describe_ghost("chase") is None
 
 
-@pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short"])
+@pytest.mark.parametrize("damage", ["torn", "changed", "foreign", "short", "renamed"])
 def test_damaged_file_is_reported_and_rounds_played_again(
     damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,7 +138,11 @@ def test_damaged_file_is_reported_and_rounds_played_again(
         other.replace(path)
     else:
         part = json.loads(text)
-        part["rounds"]["end"].pop() if damage == "short" else part["rounds"]["collected"].insert(0, 99)
+        if damage == "renamed":
+            part["rounds"]["missed"] = part["rounds"].pop("lost")
+            part["sha256"] = stored_rounds.content_hash(part["rounds"])
+        else:
+            part["rounds"]["end"].pop() if damage == "short" else part["rounds"]["collected"].insert(0, 99)
         path.write_text(text[:-100] if damage == "torn" else json.dumps(part))
     assert play(tmp_path, matchup()) == 6
     assert capsys.readouterr().err.startswith(f"damaged, is played again: {path}: ")
