@@ -52,6 +52,8 @@ class KernelCache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
             return super().load_overload(sig, target_context)
+        except OSError:  # unreadable now, but perhaps not damaged
+            return None
         except Exception:  # a damaged file may raise anything
             with contextlib.suppress(OSError):
                 self.flush()
@@ -68,11 +70,9 @@ class KernelCache(FunctionCache):
 
         In this way one process compiles a signature, and the others load its code.
         """
-        try:
+        with contextlib.suppress(Exception):  # of a damaged file, which :meth:`load_overload` replaces
             if self._index_key(sig, kernel.targetctx.codegen()) in self._cache_file._load_index():
                 return contextlib.nullcontext()
-        except Exception:  # a damaged file
-            self.load_overload(sig, kernel.targetctx)
         _announce()
         from filelock import FileLock  # imported late: it loads asyncio, and a warm cache needs no lock
 

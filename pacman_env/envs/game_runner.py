@@ -16,7 +16,7 @@ from ..game.reward import Rewards, TickCounts, reward
 from ..policies.base import Flags, Floats, Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import GameBatch
-from ..sim.core.ghost_state import GHOST_CHOICE, TO_CANDIDATE, choices_of
+from ..sim.core.ghost_state import GHOST_CHOICE, choices_of
 from ..sim.core.parameters import drawn_values
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
@@ -292,5 +292,5 @@ class GameRunner:
                 raise ValueError(f"ghosts[{number}]: select must return {wanted}, got {got}")
             choices[:, number] = choices_of(chosen)
         for number, choice in given.items():
-            choices["kind"][:, number], choices["value"][:, number] = TO_CANDIDATE, choice
+            choices[:, number] = choices_of(choice)
         return choices

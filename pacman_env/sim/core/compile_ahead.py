@@ -45,6 +45,11 @@ def _end(process: int, other: subprocess.Popen[bytes]) -> None:
         other.wait()
 
 
-if __name__ == "__main__":
-    end_with(int(sys.argv[1]))
+def main(parent: int) -> None:
+    """Compile and cache the tick kernel; exit if the process ``parent`` ends."""
+    end_with(parent)
     address_of_kernel(play)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from pacman_env.engine.native import RANGE
 from pacman_env.sim.core import compile_ahead
+from pacman_env.sim.core.ticks import play
 from tests.waiting import PATIENCE_S, wait_for
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -61,3 +63,8 @@ def test_nothing_starts_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_nothing_starts_without_a_cache(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compile_ahead, "mark", lambda name: None)
     assert compile_ahead.begin() is None
+
+
+def test_helper_compiles_what_a_batch_runs() -> None:
+    compile_ahead.main(os.getppid())
+    assert RANGE in play.overloads
