@@ -25,7 +25,7 @@ HELD = 20  # ticks for which a random action is repeated, about as long as a pla
 Row = tuple[str, str, int, str, dict[str, Any]]  # id, "make", "make_vec" or "sb3", games, policy, arguments
 Rates = tuple[float, float]  # decisions and simulated seconds per second of processor time
 
-BOT, FLAT, GENERATED = "PacManBot-v1", "PacManBotFlat-v1", "PacManBotFlatGenerated-v1"
+BOT, FLAT, GENERATED = "PacManBot-v2", "PacManBotFlat-v2", "PacManBotFlatGenerated-v2"
 _MADE: tuple[tuple[str, int], ...] = (("make", 1), ("make_vec", 64), ("sb3", 64))
 ROWS: tuple[Row, ...] = (
     *((env, *made, "random", {}) for env in (BOT, FLAT, GENERATED) for made in _MADE),

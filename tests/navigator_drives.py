@@ -11,7 +11,8 @@ from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
-from pacman_env.world.navigation.physics import overlap_m
+from pacman_env.world.navigation.walls import overlap_m
+from tests.physics_steps import watch
 
 GAMES = 25  # games of a batch; each drives to one goal after another
 GIVE_UP_S = 600.0
@@ -29,9 +30,13 @@ ALONE: dict[str, Any] = {
 def deepest_contact(batch: GameBatch) -> float:
     """Return the depth of the deepest overlap of a robot with a wall, m; 0 without overlap."""
     radius, places = batch.config.robot.radius_m, batch.bodies[:, :2]
-    near = np.flatnonzero(batch.games["touch"] > 0).tolist()  # the other robots reach no wall
-    depths = (overlap_m(batch.assets_of(i).grid.walls, places[i : i + 1], radius)[0] for i in near)
-    return max([0.0, *map(float, depths)])
+    depths = [0.0]
+    for i, (x, y) in enumerate(places.tolist()):
+        grid = batch.assets_of(i).grid
+        column, row = grid.to_cell(x, y)
+        if grid.clearance[row, column] < radius + 2.0 * grid.resolution:  # the other robots reach no wall
+            depths.append(float(overlap_m(grid.walls, places[i : i + 1], radius)[0]))
+    return max(depths)
 
 
 @dataclass(frozen=True)
@@ -79,7 +84,7 @@ def watch_contacts(batch: GameBatch) -> list[float]:
     def watched() -> None:
         deepest[0] = max(deepest[0], deepest_contact(batch))
 
-    batch.after_physics_step = watched
+    watch(batch, watched)
     return deepest
 
 

@@ -214,7 +214,7 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
     ("code", "said", "unneeded"),
     [
         ("import pacman_env", "", "gymnasium torch numba cv2 pymunk onnxruntime rclpy matplotlib pygame"),
-        ("import pacman_env, gymnasium; print('pacman_env/PacManBot-v1' in gymnasium.registry)", "True", "torch numba"),
+        ("import pacman_env, gymnasium; print('pacman_env/PacManBot-v2' in gymnasium.registry)", "True", "torch numba"),
         ("import pacman_env; print('ppo' in pacman_env.policy_names())", "True", "onnxruntime torch pymunk rclpy"),
         *((f"from pacman_env import {name}", "", "gymnasium pettingzoo torch") for name in LIGHT),
         (

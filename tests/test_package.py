@@ -35,7 +35,7 @@ event.register("numba:compile", Listener())
 from pacman_env.world.maps import occupancy
 rounds = {}
 for name in occupancy.shipped_maps():
-    env = gymnasium.make("pacman_env/PacManBot-v1", map=name)
+    env = gymnasium.make("pacman_env/PacManBot-v2", map=name)
     _, info = env.reset(seed=0)
     rounds[name] = [info["spawned"], env.unwrapped.batch.assets.occupancy.hash]
 folders = sorted({str(path.parent) for path in occupancy._shipped().values()})
@@ -137,7 +137,7 @@ def test_wheel_contains_exactly_package_maps_and_planners(distributions: tuple[P
     package = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env").rglob("*.py")}
     package |= {f"pacman_env/evaluation/templates/{page}.j2" for page in ("compare.html", "replay.html")}
     package |= {"pacman_env/evaluation/suites/leaderboard.yaml"}
-    package |= {f"pacman_env/training/hyperparameters/{name}.yaml" for name in ("PacManBot-v1", "baselines")}
+    package |= {f"pacman_env/training/hyperparameters/{name}.yaml" for name in ("PacManBot-v2", "baselines")}
     maps = {f"pacman_env/maps/{path.name}" for path in (ROOT / "maps").iterdir() if path.suffix in (".yaml", ".pgm")}
     planner = {
         f"pacman_env/policies/pretrained/{name}.{kind}" for name in ("ppo", "clyde") for kind in ("onnx", "json")

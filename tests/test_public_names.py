@@ -144,7 +144,7 @@ register_policy("east", East)
 register_observation("left", Left)
 register_preset("slow", {"clyde.speed_mps": 0.1})
 register_ghost("stay", Behaviour("stay", stay))
-env = gym.make("pacman_env/PacManBot-v1", map="loop", preset="slow", observation="left", ghosts=["stay", "east"])
+env = gym.make("pacman_env/PacManBot-v2", map="loop", preset="slow", observation="left", ghosts=["stay", "east"])
 observation, info = env.reset(seed=0)
 env.step(0)
 config = env.unwrapped.config

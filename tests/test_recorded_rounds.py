@@ -14,6 +14,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.navigator import ABORTED, SUCCEEDED
 from tests.one_game import RobotSide
+from tests.physics_steps import watch
 from tests.test_one_game import EXACT, STEP_S
 
 #: Of each policy; 500 take some minutes.
@@ -29,14 +30,14 @@ class Recorded:
     def __init__(self, batch: GameBatch) -> None:
         self.batch, self.events = batch, [[] for _ in range(batch.n)]  # type: list[Any]
         self._check_steps = round(batch.config.execution.check_period_s / STEP_S)
-        self._advance = batch._advance
-        batch._advance = self._record_tick  # type: ignore[method-assign]
-        batch.after_physics_step = self._look
+        watch(batch, self._look)
+        self._play = batch._play
+        batch._play = self._record_tick  # type: ignore[method-assign]
 
-    def _record_tick(self, **options: Any) -> None:
+    def _record_tick(self) -> None:
         self._substep = 0
         self._remember()
-        self._advance(**options)
+        self._play()
         for i in self._running:
             if self.batch.games["tick"][i] > self._before["tick"][i]:
                 g = self.batch.games[i]

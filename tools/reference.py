@@ -132,7 +132,7 @@ def ids() -> str:
 def ids_arguments() -> str:
     variants = {name.removeprefix("pacman_env/"): entry.kwargs for name, entry in IDS.items() if entry.kwargs}
     rows = ([f"`{name}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items())
-    return table(("Id", "Arguments of `PacManBot-v1`"), rows)
+    return table(("Id", "Arguments of `PacManBot-v2`"), rows)
 
 
 def maps() -> str:

@@ -40,7 +40,7 @@ class Adversaries:
 
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
-        self.hyper = load_hyperparameters(FOLDER / "PacManBot-v1.yaml", "headline")
+        self.hyper = load_hyperparameters(FOLDER / "PacManBot-v2.yaml", "headline")
         self.executor = InThreads(2)
         self.decisions, self.files = [0, 0], dict[str, Path]()
         self.completed: dict[str, dict[str, np.ndarray]] = {}

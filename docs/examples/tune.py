@@ -41,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     add = parser.add_argument
     add("--out", type=Path, default=Path("results/tune"), help="folder of the study (results/tune)")
-    add("--config", type=Path, default=FOLDER / "PacManBot-v1.yaml", help="where the search starts")
+    add("--config", type=Path, default=FOLDER / "PacManBot-v2.yaml", help="where the search starts")
     add("--trials", type=int, default=30, help="number of trials (30)")
     add("--decisions", type=int, default=819_200, help="decisions of PPO per trial (819200)")
     add("--evaluation", type=int, default=256, help="validation rounds after each quarter (256)")

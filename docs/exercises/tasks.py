@@ -82,7 +82,7 @@ class LookAhead(BasePolicy):
 def train() -> Any:
     """Task 5. Train a stock learner and return the model.
 
-    The model plays ``pacman_env/PacManBotFlat-v1`` on the map ``house`` in batches of N games:
+    The model plays ``pacman_env/PacManBotFlat-v2`` on the map ``house`` in batches of N games:
     ``model.predict(observation, action_masks=masks, deterministic=True)`` gets observations (N, 289) float32 and masks
     (N, 7) bool, and returns actions (N,) int and a second value that is ignored. ``sb3_contrib.MaskablePPO`` has this
     method. Every action must be allowed by its mask.

@@ -91,7 +91,6 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
     env: Any
     for env in games:
         env.reset(seed=0)
-        env.batch.spaces.provide(0, env.batch.assets_of(0).grid.walls)  # as for a robot near a wall
         env.action_space.seed(0)
         for _ in range(_STEPS):
             drives = arguments.get("action") == "velocity"
@@ -155,7 +154,7 @@ def _robot() -> None:
 
 #: Parts by their printed name.
 PARTS: dict[str, Callable[[], None]] = {
-    "PacManBotFlat-v1": partial(_play, flat=True),
+    "PacManBotFlat-v2": partial(_play, flat=True),
     "all arguments": _every_argument,
     "generated houses": partial(_play, {**_SHORT, "num_levels": 1}, map="generated"),
     "two players": _two_players,

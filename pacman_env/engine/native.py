@@ -57,10 +57,20 @@ def call_step(context, builder, signature, function, handle, seconds):  # type: 
     _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD, ir.DoubleType()]), [handle, seconds])
 
 
-@operation(types.void, types.int64, types.int64, types.int64, types.int64)
-def call_each(context, builder, signature, function, handle, visit, data):  # type: ignore[no-untyped-def]
-    """Call ``void function(void *handle, void *visit, void *data)`` by address."""
-    _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD] * 3), [handle, visit, data])
+@operation(types.void, types.int64, types.int64, types.int64)
+def call_pair(context, builder, signature, function, handle, other):  # type: ignore[no-untyped-def]
+    """Call ``void function(void *handle, void *other)`` by address."""
+    _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD] * 2), [handle, other])
+
+
+@operation(types.void, types.int64, types.int64, *[types.float64] * 4)
+def call_segment(context, builder, signature, function, handle, ax, ay, bx, by):  # type: ignore[no-untyped-def]
+    """Call ``void function(void *handle, cpVect a, cpVect b)`` by address.
+
+    A cpVect is two doubles; the calling conventions of Linux and macOS pass it like two arguments.
+    """
+    kind = ir.FunctionType(ir.VoidType(), [WORD, *[ir.DoubleType()] * 4])
+    _call(builder, function, kind, [handle, ax, ay, bx, by])
 
 
 @operation(types.int64, types.int64, types.int64, types.int64, types.int64)

@@ -171,7 +171,7 @@ class GameRunner:
         if self._path_counts or self.ghost_agents:
             over = batch.games["end"] != RUNNING
             self._was_over = over | self.cut if self.ghost_agents else over
-        by_python = self._policies or self.ghost_agents or self.config.endless or batch.after_physics_step
+        by_python = self._policies or self.ghost_agents or self.config.endless
         if by_python:
             choose = functools.partial(self._ghost_choices, {}) if self._policies else None
             plays = ~self.cut if self.ghost_agents and self.cut.any() else None

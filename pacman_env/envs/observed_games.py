@@ -48,12 +48,12 @@ class ObservedGames:
             batch.arrays["velocities"][:] = velocities(actions, self.config)
         else:
             self._actions[:] = actions
-        batch.begin_decisions()
-        batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
+        batch.begin_decisions(ALL_TICKS if self._by_event else 1)
         self.take_turns()
         result = self.observer.pipeline(before=self._play_stages).run(batch.n)
-        if result:  # a physics space or a map must be prepared, or a ghost's function raised
-            batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
+        if NEEDS_MAPS < result < 0:
+            batch.raise_error_of_ghost(result)
+        if result:  # a map must be prepared
             self.observer.observe()
         else:
             self.observer.finish()

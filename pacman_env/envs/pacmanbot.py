@@ -132,7 +132,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
 
     ## Arguments
     ```py
-    gymnasium.make("pacman_env/PacManBot-v1", map="house", preset="robot", settings={"clyde.speed_mps": 0.35})
+    gymnasium.make("pacman_env/PacManBot-v2", map="house", preset="robot", settings={"clyde.speed_mps": 0.35})
     ```
     - `map`: the name of a map in the package, a map_server YAML file, or an `OccupancyMap`. `"generated"` plays one of
       1,000 training houses in each episode, `"generated:test"` one of 200 test houses. The seed of the episode decides
@@ -148,7 +148,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
       custom preset.
     - `settings`: any fields of the configuration by dotted name, or a whole `Config`.
     - `render_mode`: `"rgb_array"`, or `"human"` for a window; `env.unwrapped.theme = "dark"` draws dark pictures.
-    - `flat`: use the settings of `pacman_env/PacManBotFlat-v1`; your own settings override them.
+    - `flat`: use the settings of `pacman_env/PacManBotFlat-v2`; your own settings override them.
     - `defaults`: the settings of an id (`docs/environments/ids.md`), which `settings` override.
 
     ## Settings
@@ -163,13 +163,14 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     `reset(seed=..., options=...)`: for the next episode, `options` may contain `round_seed` (an `info["round_seed"]`,
     to repeat that episode), `level` (of generated maps) and `settings` (fields of the configuration that leave the
     spaces unchanged: `{"clyde.speed_mps": 0.4}`). Other keys raise an error. A copy by `copy.deepcopy` or `pickle`
-    replays the round from its seed and decisions, and continues exactly like the original.
+    continues exactly like the original.
 
     ## Threads
     Use one environment per thread. While a thread is in `reset`, `step` or `close`, or copies the environment, the same
     calls in another thread raise RuntimeError; `render` and `action_masks` wait. `batch` is not protected.
 
     ## Version History
+    - v2 (0.25.0): each physics step of a robot at a wall solves its contacts alone and corrects an overlap at once.
     - v1 (0.20.0): with the preset `robot`, the robot starts, turns and changes its goal as slowly as with Nav2.
       `preset="robot_0_15"` is the robot of v0. The planner features have 289 numbers instead of 274. They are part of
       the observation of PacManBotFlat and its variants (except PacManBotFlatVelocity).

@@ -24,7 +24,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
     All games share one map, or with ``map="generated"`` each has its own house.
 
     ```python
-    gymnasium.make_vec("pacman_env/PacManBot-v1", num_envs=64, vectorization_mode="vector_entry_point")
+    gymnasium.make_vec("pacman_env/PacManBot-v2", num_envs=64, vectorization_mode="vector_entry_point")
     ```
 
     Spaces, rewards and arguments are as in the single environment, with arrays (N,) and (N, ...). Game i with seed s

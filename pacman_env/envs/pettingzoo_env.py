@@ -24,7 +24,7 @@ Infos = dict[str, dict[str, Any]]  # by agent
 
 
 class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, Any], Any]):
-    """The game of `pacman_env/PacManBot-v1` for two or more agents, which decide at the same time, every 0.5 s.
+    """The game of `pacman_env/PacManBot-v2` for two or more agents, which decide at the same time, every 0.5 s.
 
     ```python
     env = pacman_env.parallel_env(map="house", settings={"clyde.speed_mps": 0.35})

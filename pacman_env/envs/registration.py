@@ -24,9 +24,9 @@ class Registered(NamedTuple):
     solved: float | None = None  # Gymnasium's ``reward_threshold``: about 92 % of the rounds completed
 
 
-ENV_ID = "pacman_env/PacManBot-v1"
+ENV_ID = "pacman_env/PacManBot-v2"
 #: The same game for stock learners: with ``flat=True``.
-FLAT_ID = "pacman_env/PacManBotFlat-v1"
+FLAT_ID = "pacman_env/PacManBotFlat-v2"
 _GENERATED, _ENDLESS, _FOUR = {"map": "generated"}, {"defaults": {"endless": True}}, {"ghosts": ("policy",) * 4}
 _ARCADE = {"preset": "arcade"}
 #: Stock PPO learns to drive with these (train/hyperparameters/baselines.yaml).
@@ -39,20 +39,20 @@ _DRIVING = {
 #: Every id. Variants differ by name; docs/environments/ids.md says when the number counts up.
 IDS = {
     ENV_ID: Registered("The robot's game on one map: every 0.5 s the agent chooses the goal to drive to", solved=15.5),
-    "pacman_env/PacManBotGenerated-v1": Registered(
+    "pacman_env/PacManBotGenerated-v2": Registered(
         "The robot's game, in a new generated house for every episode", _GENERATED, _GENERATED, 10.0
     ),
-    "pacman_env/PacManBotEndless-v1": Registered(
+    "pacman_env/PacManBotEndless-v2": Registered(
         "The robot's game without end: after a completed round the next one follows, with a faster Clyde",
         _ENDLESS,
         _ENDLESS,
     ),
-    "pacman_env/PacManBotVelocity-v1": Registered(
+    "pacman_env/PacManBotVelocity-v2": Registered(
         "The agent drives the robot itself: v in m/s and omega in rad/s, without a navigator",
         {"action": "velocity"},
         {"action": "velocity"},
     ),
-    "pacman_env/PacManBotGhosts-v1": Registered(
+    "pacman_env/PacManBotGhosts-v2": Registered(
         "Four ghosts that approach the robot and turn to their corners when near, like Clyde in the arcade game",
         {"ghosts": ("arcade",) * 4},
         _FOUR,
@@ -63,33 +63,33 @@ IDS = {
         {"flat": True},
         15.5,
     ),
-    "pacman_env/PacManBotFlatGenerated-v1": Registered(
+    "pacman_env/PacManBotFlatGenerated-v2": Registered(
         "For stock learners, in a new generated house for every episode",
         {"flat": True, **_GENERATED},
         {"flat": True, **_GENERATED},
         10.0,
     ),
-    "pacman_env/PacManBotFlatEndless-v1": Registered(
+    "pacman_env/PacManBotFlatEndless-v2": Registered(
         "For stock learners, without end: Clyde is faster after each completed round",
         {"flat": True, **_ENDLESS},
         {"flat": True, **_ENDLESS},
     ),
-    "pacman_env/PacManBotFlatVelocity-v1": Registered(
+    "pacman_env/PacManBotFlatVelocity-v2": Registered(
         "For stock learners that drive: v and omega in [-1, 1] from one array of lidar ranges and bearings",
         {"flat": True, "action": "velocity", "observation": ("scan", "flat"), "defaults": _DRIVING},
         None,  # its agents would have spaces of different shapes
     ),
-    "pacman_env/PacManBotFlatGhosts-v1": Registered(
+    "pacman_env/PacManBotFlatGhosts-v2": Registered(
         "For stock learners, with four ghosts that approach the robot like Clyde in the arcade game",
         {"flat": True, "ghosts": ("arcade",) * 4},
         {"flat": True, **_FOUR},
     ),
-    "pacman_env/PacManBotArcade-v1": Registered(
+    "pacman_env/PacManBotArcade-v2": Registered(
         "Four power pellets and four ghosts of three kinds: a frightened ghost flees and can be caught",
         _ARCADE,
         {**_ARCADE, **_FOUR},
     ),
-    "pacman_env/PacManBotFlatArcade-v1": Registered(
+    "pacman_env/PacManBotFlatArcade-v2": Registered(
         "For stock learners, with power pellets and four ghosts of three kinds",
         {"flat": True, **_ARCADE},
         {"flat": True, **_ARCADE, **_FOUR},

@@ -76,7 +76,7 @@ def _sections() -> argparse.ArgumentParser:
     """Return a parser of ``--quick`` and ``--config``, which decide the defaults of the other options."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
-    file = FOLDER / "PacManBot-v1.yaml"
+    file = FOLDER / "PacManBot-v2.yaml"
     parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
     return parser
 

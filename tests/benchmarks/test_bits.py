@@ -21,4 +21,4 @@ def test_bits_differ_when_a_reward_changes(tmp_path: Path, capsys: pytest.Captur
     file.write_text(text.replace("-0.002", "-0.003"), encoding="utf-8")
     assert text != file.read_text(encoding="utf-8")
     assert main([str(tmp_path), *FEW]) == 1
-    assert "PacManBot-v1 single" in capsys.readouterr().out.split("DIFFERENT")[0]
+    assert "PacManBot-v2 single" in capsys.readouterr().out.split("DIFFERENT")[0]

@@ -17,18 +17,18 @@ def test_every_row_is_measured(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(
     ("env", "expected"),
-    [("PacManBot-v1", "pacman_env/PacManBot-v1"), ("PacManBotFlat-v1", "pacman_env/PacManBotFlat-v10")],
+    [("PacManBot-v2", "pacman_env/PacManBot-v2"), ("PacManBotFlat-v2", "pacman_env/PacManBotFlat-v20")],
 )
 def test_id_gets_the_number_of_the_version(env: str, expected: str) -> None:
     names = (
         "PacManBot-v0",
-        "PacManBot-v1",
+        "PacManBot-v2",
         "PacManBot-v2",
         "PacManBotFlat-v0",
         "PacManBotFlat-v9",
-        "PacManBotFlat-v10",
+        "PacManBotFlat-v20",
     )
     ids = [*(f"pacman_env/{name}" for name in names), "CartPole-v1"]
     assert registered(env, ids) == expected
-    with pytest.raises(ValueError, match="PacManBotMaze-v1"):
-        registered("PacManBotMaze-v1", ids)
+    with pytest.raises(ValueError, match="PacManBotMaze-v2"):
+        registered("PacManBotMaze-v2", ids)

@@ -102,9 +102,9 @@ COMMANDS = [
     ),
     ("dataset data/a-v0 --episodes 1", "data/a-v0"),
     ("dataset xx/a-v0 --policy nobody", "unknown policy 'nobody'"),
-    ("dataset xx/a-v0 --id PacManBot-v9", "--id PacManBot-v9: did you mean PacManBot-v1"),
+    ("dataset xx/a-v0 --id PacManBot-v9", "--id PacManBot-v9: did you mean PacManBot-v2"),
     ("dataset xx/a-v0 --observation smell", "unknown observation kind 'smell'"),
-    ("dataset xx/a-v0 --id PacManBotVelocity-v1", "action = 'velocity': must be goal"),
+    ("dataset xx/a-v0 --id PacManBotVelocity-v2", "action = 'velocity': must be goal"),
     ("export absent.zip --out mine.onnx", "absent.zip: no such file"),
 ]
 #: Modules of the checkout that are commands.

@@ -42,7 +42,7 @@ def test_gymnasium_wrappers_work_unmodified(tmp_path: Path) -> None:
     command = [sys.executable, str(SCRIPTS / "gymnasium_wrappers.py"), "--map", "house", "--decisions", "100"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    both = "PacManBot-v1 PacManBotFlat-v1"
+    both = "PacManBot-v2 PacManBotFlat-v2"
     for line in (f"single TimeAwareObservation: {both}", f"vector RecordEpisodeStatistics: {both}", "RecordVideo:"):
         assert line in done.stdout
     assert done.stdout.count("sync, async, vector_entry_point are equal") == 2

@@ -23,7 +23,7 @@ def test_reference_lists_every_public_name_once() -> None:
 
 def test_flat_row_columns_match_documented_indices() -> None:
     env = PacManBotEnv(flat=True)
-    text = ids.page("pacman_env/PacManBotFlat-v1", env)
+    text = ids.page("pacman_env/PacManBotFlat-v2", env)
     assert "| 0 to 237 | `planner_candidates` | (7, 34) |" in text
     assert "| 238 to 288 | `planner_globals` | (51,) |" in text
     assert env.observation_space.shape == (289,)
@@ -34,7 +34,7 @@ def test_flat_row_columns_match_documented_indices() -> None:
 
 @pytest.mark.parametrize("name", ["Rewards", "Episode End", "Arguments", "Version History"])
 def test_docstring_sections_link_to_pages(name: str) -> None:
-    section = ids.sections("pacman_env/PacManBot-v1")[name]
+    section = ids.sections("pacman_env/PacManBot-v2")[name]
     assert section
     assert "`docs/" not in section
 

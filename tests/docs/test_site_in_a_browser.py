@@ -17,7 +17,7 @@ from tools.ids import file_name
 pytestmark = pytest.mark.daily
 
 PAGES = (
-    *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v1.html", "reference/environments.html"),
+    *("index.html", "environments/ids.html", "environments/ids/PacManBotFlat-v2.html", "reference/environments.html"),
     *("commands.html", "architecture.html", "leaderboard.html", "search.html?q=ppo"),
     *("notebooks/own_policy.html", "notebooks/game.html", "replay.html"),
 )

@@ -9,7 +9,7 @@ import pacman_env  # noqa: F401  # registers the environment
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 
-ID = "pacman_env/PacManBot-v1"
+ID = "pacman_env/PacManBot-v2"
 
 #: Four pellets, a fast robot, a far-reaching Clyde, 18 s.
 QUICK: dict[str, Any] = {

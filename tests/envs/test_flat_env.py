@@ -1,4 +1,4 @@
-"""``pacman_env/PacManBotFlat-v1`` and velocities: the arguments that a learner likes best."""
+"""``pacman_env/PacManBotFlat-v2`` and velocities: the arguments that a learner likes best."""
 
 from typing import Any
 

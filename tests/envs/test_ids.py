@@ -21,13 +21,13 @@ def made(env_id: str, **arguments: Any) -> Config:
 
 def test_user_settings_override_defaults_of_variant() -> None:
     own = {"clyde.speed_mps": 0.4}
-    assert made("pacman_env/PacManBotEndless-v1", settings=own).endless
-    flat = made("pacman_env/PacManBotFlatEndless-v1", settings=own)
+    assert made("pacman_env/PacManBotEndless-v2", settings=own).endless
+    flat = made("pacman_env/PacManBotFlatEndless-v2", settings=own)
     assert (flat.endless, flat.decisions.when) == (True, "event")
-    assert made("pacman_env/PacManBotFlatVelocity-v1", settings=own).action_range == "unit"
-    assert made("pacman_env/PacManBotGhosts-v1", settings=own).clyde.ghosts == ("arcade",) * 4
-    assert not made("pacman_env/PacManBotEndless-v1", settings={"endless": False}).endless
-    assert made("pacman_env/PacManBotFlatVelocity-v1", settings={"action_range": "physical"}).action_range == "physical"
+    assert made("pacman_env/PacManBotFlatVelocity-v2", settings=own).action_range == "unit"
+    assert made("pacman_env/PacManBotGhosts-v2", settings=own).clyde.ghosts == ("arcade",) * 4
+    assert not made("pacman_env/PacManBotEndless-v2", settings={"endless": False}).endless
+    assert made("pacman_env/PacManBotFlatVelocity-v2", settings={"action_range": "physical"}).action_range == "physical"
 
 
 def test_generated_houses_differ_between_episodes() -> None:

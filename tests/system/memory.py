@@ -18,6 +18,7 @@ import psutil
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
+from pacman_env.world.navigation.physics import Contacts
 
 FAULT_STATUS = 1
 GAMES = 64
@@ -38,7 +39,7 @@ def resident_mib() -> float:
 
 def spaces_alive() -> int:
     """Chipmunk's spaces in this process."""
-    return sum(type(one).__name__ == "Space" and type(one).__module__ == "pymunk.space" for one in gc.get_objects())
+    return sum(isinstance(one, Contacts) for one in gc.get_objects())
 
 
 @dataclass

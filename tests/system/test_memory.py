@@ -1,9 +1,8 @@
 import gc
 
-import numpy as np
 import pytest
 
-from pacman_env.world.navigation.physics import Spaces
+from pacman_env.world.navigation.physics import Contacts
 from tests.system.memory import PARTS, main, make_and_close, spaces_alive
 
 
@@ -20,11 +19,9 @@ def test_short_run_reports_all_parts(capsys: pytest.CaptureFixture[str]) -> None
 def test_spaces_alive_counts_existing_physics_spaces() -> None:
     gc.collect()
     before = spaces_alive()
-    spaces = Spaces(3, radius_m=0.2, mass_kg=1.0, step_s=0.05)
-    for k in range(5):
-        spaces.provide(k, np.array([[float(k), 0.0, 1.0, 1.0]]))
-        assert spaces_alive() == before + min(k + 1, 4)  # one for each robot, one for a level: another's goes
-    del spaces
+    contacts = [Contacts(radius_m=0.2, mass_kg=1.0, step_s=0.05) for _ in range(3)]
+    assert spaces_alive() == before + 3
+    del contacts
     assert spaces_alive() == before
 
 

@@ -56,7 +56,7 @@ def test_committed_pages_of_ids_are_current(pages_of_ids: dict[str, str]) -> Non
         assert (ids.PAGES / f"{ids.file_name(env_id)}.md").read_text(encoding="utf-8") == text, env_id
 
 
-@pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v1", "pacman_env/PacManBotGhosts-v1"])
+@pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v2", "pacman_env/PacManBotGhosts-v2"])
 def test_documented_columns_match_observation_space(env_id: str, pages_of_ids: dict[str, str]) -> None:
     space = gym.make(env_id).observation_space
     for key, section in re.findall(r"^### `(\w+)`\n(.*?)(?=^##)", pages_of_ids[env_id], re.MULTILINE | re.DOTALL):

@@ -20,7 +20,7 @@ def test_committed_scores_cover_every_id_and_policy() -> None:
         assert {one["episodes"] for one in scores.values()} == {200}
 
 
-@pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v1", "pacman_env/PacManBotFlatEndless-v1"])
+@pytest.mark.parametrize("env_id", ["pacman_env/PacManBot-v2", "pacman_env/PacManBotFlatEndless-v2"])
 def test_score_equals_return_of_single_environment(env_id: str) -> None:
     played = play(env_id, "clyde_aware", range(3, 5))
     env: Any = gym.make(env_id).unwrapped

@@ -20,7 +20,7 @@ from pacman_env.training.lineups import LEARNED
 from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
 
 GAMES = 16
-ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v1.yaml", "headline"))
+ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v2.yaml", "headline"))
 SEEDS = np.random.default_rng(0).integers(2**63, size=20_000, dtype=np.uint64)
 
 

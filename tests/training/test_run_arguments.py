@@ -17,7 +17,7 @@ from pacman_env.training.run_arguments import FOLDER, Arguments, Hyperparameters
 from pacman_env.training.train import parse
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
-SHIPPED = FOLDER / "PacManBot-v1.yaml"
+SHIPPED = FOLDER / "PacManBot-v2.yaml"
 #: A training of a moment, for all tests of the package.
 TINY: dict[str, Any] = {
     "decisions": 128,

@@ -58,7 +58,7 @@ rng = np.random.default_rng(args.seed)
 # As CleanRL's loop expects it, the observation after an end is the first of the next round. Without SAME_STEP, a step
 # after each end would do nothing but reset, and be learned from.
 envs = gym.make_vec(
-    "pacman_env/PacManBotFlat-v1",
+    "pacman_env/PacManBotFlat-v2",
     num_envs=args.num_envs,
     vectorization_mode="vector_entry_point",
     autoreset_mode=AutoresetMode.SAME_STEP,

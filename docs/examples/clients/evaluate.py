@@ -47,7 +47,7 @@ def parser(description: str | None, num_envs: int = 8) -> argparse.ArgumentParse
 def completed(choose: Choose, map: str, rounds: int = 200, seed: int = 0, **arguments: Any) -> NDArray[np.bool_]:
     """Return which rounds a model completes on a map, (rounds,); round k is the same for every model.
 
-    ``arguments`` of the environment replace the arguments of ``PacManBotFlat-v1``.
+    ``arguments`` of the environment replace the arguments of ``PacManBotFlat-v2``.
     """
 
     def play(env: PacManBotVectorEnv, first: int) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Gymnasium's wrappers: each on PacManBot-v1 (a ``Dict``) and PacManBotFlat-v1 (one array), single and vector.
+"""Gymnasium's wrappers: each on PacManBot-v2 (a ``Dict``) and PacManBotFlat-v2 (one array), single and vector.
 
 A row of ``SINGLE`` and ``VECTOR`` states with which arguments of ``gym.make`` or ``gym.make_vec`` a wrapper works.
 """
@@ -19,7 +19,7 @@ from gymnasium.wrappers import vector
 
 import pacman_env  # noqa: F401 - registers the environments
 
-ROBOT, FLAT = "pacman_env/PacManBot-v1", "pacman_env/PacManBotFlat-v1"
+ROBOT, FLAT = "pacman_env/PacManBot-v2", "pacman_env/PacManBotFlat-v2"
 
 
 class Row(NamedTuple):

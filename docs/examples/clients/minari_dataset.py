@@ -19,7 +19,7 @@ import numpy as np
 
 from pacman_env import make_policy
 
-ROBOT, FLAT = "pacman_env/PacManBot-v1", "pacman_env/PacManBotFlat-v1"
+ROBOT, FLAT = "pacman_env/PacManBot-v2", "pacman_env/PacManBotFlat-v2"
 #: By name: the environment's id, its arguments, and the arguments of the collector.
 DATASETS: dict[str, tuple[str, dict[str, Any], dict[str, Any]]] = {
     "flat": (FLAT, {}, {}),

@@ -17,7 +17,7 @@ from evaluate import parser, report, untrained
 
 import pacman_env  # noqa: F401 - registers the environments
 
-ENV_ID = "pacman_env/PacManBotFlat-v1"
+ENV_ID = "pacman_env/PacManBotFlat-v2"
 
 args = parser(__doc__).parse_args()
 torch.set_num_threads(1)  # a network this small is fastest on one core
@@ -36,7 +36,7 @@ with tempfile.TemporaryDirectory() as folder:
     command += ["--conf-file", str(hyperparameters), "--seed", str(args.seed), "--device", "cpu"]
     command += ["--eval-freq", "-1", "--log-folder", folder]  # the zoo would evaluate during training
     subprocess.run(command, check=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
-    (saved,) = Path(folder, "ppo").glob("*/*PacManBotFlat-v1.zip")
+    (saved,) = Path(folder, "ppo").glob("*/*PacManBotFlat-v2.zip")
     model = stable_baselines3.PPO.load(saved, device="cpu")
 
 if args.save:

@@ -19,7 +19,7 @@ from ray.rllib.core.rl_module.rl_module import RLModuleSpec
 from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
 
 BATCH_SIZE = 4000
-ENV_ID = "pacman_env:pacman_env/PacManBotFlat-v1"  # the module before the id is imported in each process
+ENV_ID = "pacman_env:pacman_env/PacManBotFlat-v2"  # the module before the id is imported in each process
 
 
 def named(seen: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ def main() -> None:
     args = parser(__doc__, num_envs=4).parse_args()
     torch.set_num_threads(1)  # a network this small is fastest on one core
     settings = {**TWO_PLAYERS, "observation.mask": "info"}
-    game = pettingzoo.make("parallel", "pacman_env/PacManBotFlat-v1", map=args.map, settings=settings)
+    game = pettingzoo.make("parallel", "pacman_env/PacManBotFlat-v2", map=args.map, settings=settings)
     game = supersuit.agent_indicator_v0(game)  # by which the network knows whose move it is
     agents = supersuit.pettingzoo_env_to_vec_env_v1(game)
     envs = supersuit.concat_vec_envs_v1(agents, args.num_envs, base_class="stable_baselines3")

@@ -1,6 +1,6 @@
 """SuperSuit: the two-player game as one vector environment of all agents, stacked and padded.
 
-The game is the two-player PacManBotFlat-v1, where every agent has one array; ``observation.mask=info`` leaves the mask
+The game is the two-player PacManBotFlat-v2, where every agent has one array; ``observation.mask=info`` leaves the mask
 out of it, so that ``frame_stack``, ``pad_observations`` and all other wrappers for arrays take it.
 """
 
@@ -16,7 +16,7 @@ import supersuit
 import pacman_env  # noqa: F401 - registers the environments
 
 GAMES = 2
-ENV_ID = "pacman_env/PacManBotFlat-v1"
+ENV_ID = "pacman_env/PacManBotFlat-v2"
 
 
 def vectorized(game: Any, processes: int = 0) -> Any:

@@ -1,7 +1,7 @@
-"""Tianshou: PPO on PacManBotFlat-v1, without and with the mask, and its wrapper of the two-player game.
+"""Tianshou: PPO on PacManBotFlat-v2, without and with the mask, and its wrapper of the two-player game.
 
 Without the mask nothing is needed. With it an actor reads the two parts that ``observation.mask=beside`` gives.
-Tianshou's ``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBotFlat-v1 has.
+Tianshou's ``PettingZooEnv`` expects the same two parts of every agent, which the two-player PacManBotFlat-v2 has.
 """
 
 from __future__ import annotations
@@ -87,11 +87,11 @@ def train(algorithm: Any, make: Any, decisions: int, seed: int) -> Collector:
 
 
 def one_player(args: Any, masked: bool) -> None:
-    """PacManBotFlat-v1 by its id; with the mask, rounds are played before and after."""
+    """PacManBotFlat-v2 by its id; with the mask, rounds are played before and after."""
     named: dict[str, Any] = {"settings": {"observation.mask": "beside"}} if masked else {}
 
     def make() -> gym.Env[Any, Any]:
-        return gym.make("pacman_env/PacManBotFlat-v1", map=args.map, **named)
+        return gym.make("pacman_env/PacManBotFlat-v2", map=args.map, **named)
 
     env = make()
     space = env.observation_space["observation"] if masked else env.observation_space
@@ -121,7 +121,7 @@ def two_players(map: str, decisions: int, seed: int) -> None:
     """Pac-Man and Clyde, each with its own PPO."""
 
     def make() -> PettingZooEnv:
-        game = pettingzoo.make("aec", "pacman_env/PacManBotFlat-v1", map=map, settings={"max_cycles": 100})
+        game = pettingzoo.make("aec", "pacman_env/PacManBotFlat-v2", map=map, settings={"max_cycles": 100})
         return PettingZooEnv(game)
 
     env = make()

@@ -42,7 +42,7 @@ torch.set_num_threads(1)  # a network this small is fastest on one core
 torch.manual_seed(args.seed)
 
 games = gym.make_vec(
-    "pacman_env/PacManBotFlat-v1",
+    "pacman_env/PacManBotFlat-v2",
     num_envs=args.num_envs,
     vectorization_mode="vector_entry_point",
     autoreset_mode=AutoresetMode.DISABLED,  # TorchRL asks for resets itself

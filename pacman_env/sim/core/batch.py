@@ -9,19 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...engine.arrays import Table, zeros
+from ...engine.arrays import Table
 from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
 from ...game.ends import COMPLETE
 from ...game.round import clyde_speed_mps
+from ...world.navigation.physics import Contacts
 from ...world.navigation.planner import detour_memory
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from ..observation import situation_kernel
 from ..observation.situation import Situation
 from . import kernels, ticks
-from .ghost_state import GHOST_CHOICE, spawn_ghost
+from .ghost_state import spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,
@@ -31,7 +32,7 @@ from .parameters import (
     next_seeds,
     reward_record,
 )
-from .state import GameLevels, GameState, History, RoundSoFar
+from .state import GameLevels, GameState
 
 ALL_TICKS = 2**62
 
@@ -59,21 +60,15 @@ class GameBatch(GameState):
         if self.threads.number > n:  # more threads would only idle, and each needs scratch memory
             self.threads = Threads(n)
         self._levels = GameLevels(source, config, n, self.threads)
-        self.levels, self.spaces = self._levels.levels, self._levels.spaces
-        self._history = History(n, self.ghosts.shape[1], bool(self._ghosts.sent_from_outside.any()), config)
+        self.levels = self._levels.levels
         self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
         #: A view (1,) of each field: writes through the record are slow, which a step of a single game shows.
         self._control = {name: self._controls[name] for name in ticks.CONTROL.names or ()}
-        self._tables: list[Table] = []  # a table for each thread
-        self._ghost_tables: list[Table] = []
-        self._longest = 1 + max(int(self._parameters[0][name]) for name in ("longest", "threat_longest"))
-        #: Called after each physics step, if not None.
-        self.after_physics_step: Callable[[], None] | None = None
-        #: Increases when arrays that stages use are replaced: pipelines with these stages must be rebuilt then.
-        self.revision = 0
-        self._awake = self.arrays["last_decision"]["awake"]
+        self._tables: list[Table] = []  # a table for each thread, and what it refers to by address
+        self._kept: list[tuple[Table, Contacts]] = []
+        self._ticks = self.arrays["last_decision"]["ticks"]
         self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
         self._rules = kernels.RuleArrays(**self.rules, **shared)
@@ -96,53 +91,26 @@ class GameBatch(GameState):
         """Announce the seeds of the next episodes, so that other threads prepare their levels during play."""
         self._levels.expect(seeds)
 
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """Return all arrays that a step reads and changes, by name; levels are by slot."""
+        ghosts = {f"ghost_{name}": getattr(self._ghosts, name) for name in ("state", "paths", "obstacles")}
+        return {**self.rules, **self.arrays, **ghosts, "completed_s": self.completed_s, "summary": self.summary}
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return the start of each game's round and all decisions since."""
-        levels = self.level_numbers()
-        started = [i for i in range(self.n) if self._levels.slots[i] >= 0]
-        rounds = [self._history.so_far(i, int(self.games["tick"][i]), int(levels[i])) for i in started]
+        levels = np.where(np.array(self._levels.slots) < 0, -1, self.level_numbers())
         made_from = self.source, self.config, self.n, self.threads.number
-        return {"made_from": made_from, "rounds": rounds}
+        return {"made_from": made_from, "levels": levels, "state": {k: a.copy() for k, a in self._state().items()}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Replay every round, so that the copy is identical, the physics solver's contact memory included."""
         self.__init__(*state["made_from"])  # type: ignore[misc]
-        self._replay(state["rounds"])
-        if state["rounds"]:
-            self.situation()  # fills ``summary``
-
-    def _replay(self, rounds: list[RoundSoFar]) -> None:
-        """Replay these rounds in their games from the start to the present; the other games stand still.
-
-        Chipmunk's contact memory results from all previous steps and cannot be copied.
-        """
-        longest = max((len(r.decisions) for r in rounds), default=0)
-        still = np.zeros(2) if self.config.action == "velocity" else np.int64(self.hold)
-        actions = np.stack([still] * self.n)
-        choices = np.zeros(self.ghosts.shape, dtype=GHOST_CHOICE)
-        awake = np.full(self.n, ticks.ASLEEP, dtype=self._awake.dtype)
-        for tick in range(longest + 1):
-            # Shorter rounds start later, so that all end together.
-            begin = [r for r in rounds if longest - len(r.decisions) == tick]
-            if begin:
-                index = np.array([r.game for r in begin])
-                awake[index] = ticks.ONE_TICK
-                if len(self.levels) > 1:
-                    self._levels.change(index, np.array([r.level for r in begin]))
-                began = np.array([r.began for r in begin], dtype=GAME)
-                self._start(index, np.ascontiguousarray(began["seed"]), began)
-            for r in rounds:
-                k = tick - (longest - len(r.decisions))
-                if 0 <= k < len(r.decisions):
-                    actions[r.game] = r.decisions[k]
-                    if len(r.ghost_choices):
-                        choices[r.game] = r.ghost_choices[k]
-            if tick == longest:
-                break
-            self._set_actions(actions)
-            self._ghosts.send(choices)
-            self._awake[:] = awake
-            self._advance()
+        begun = np.flatnonzero(state["levels"] >= 0)
+        if len(self.levels) > 1:
+            self._levels.change(begun, state["levels"][begun])
+        for name, array in self._state().items():
+            array[...] = state["state"][name]
+        records = self.games[begun]
+        self._levels.enter(begun, records)  # the slots can be others
+        self.games[begun] = records
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
@@ -161,7 +129,6 @@ class GameBatch(GameState):
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:
         """Start rounds in the games ``index`` (M,) from the records ``fresh`` (M,)."""
-        self._history.begin(index, seeds, fresh)
         self._levels.enter(index, fresh)
         ghosts, levels = self._ghosts, self.levels.addresses
         kernels.reset_robots(self.games, index, seeds, fresh, levels)
@@ -214,20 +181,17 @@ class GameBatch(GameState):
         """
         self._set_actions(actions)
         self._ghosts.send(ghost_choices)
-        if self.config.endless:
-            self.completed_s.fill(0.0)
-        self._awake.fill(ticks.ONE_TICK)
-        if played is not None:
-            self._awake[~played] = ticks.ASLEEP
-        self._advance()
+        self.completed_s.fill(0.0)
+        self.begin_decisions(1, played)
+        self._play()
         self._follow_completed_rounds()
 
     def step_by_hand(self, velocities: NDArray[np.float64], ghost_choices: NDArray[Any] | None = None) -> None:
         """Play one tick in which the robots are driven by hand: goals are cancelled and Nav2 is idle.
 
         ``velocities`` (N, 2), v in m/s and omega in rad/s, are clipped to what the base can follow; ``ghost_choices``
-        are as in :meth:`step`. Copies and pickles of the batch replay this tick as *hold*. Raises ValueError,
-        without any change, for velocities that are not finite and for invalid choices.
+        are as in :meth:`step`. Raises ValueError, without any change, for velocities that are not finite and for
+        invalid choices.
         """
         if self.config.action == "velocity":
             raise ValueError("step_by_hand: the actions of these games are velocities anyway")
@@ -255,78 +219,47 @@ class GameBatch(GameState):
         """
         self._set_actions(actions)
         self._ghosts.send(None)
-        self._awake[:] = np.where(forbidden, ticks.ONE_TICK, ticks.UNTIL_DUE)
-        if played is not None:
-            self._awake[~played] = ticks.ASLEEP
         self.completed_s.fill(0.0)
-        by_ticks = choose_for_ghosts is not None or self.after_physics_step is not None
-        fresh = True
-        while True:
+        self.begin_decisions(ALL_TICKS, played)
+        self._ticks[forbidden & (self._ticks > 0)] = 1
+        self._control["ticks"][0] = ALL_TICKS if choose_for_ghosts is None else 1
+        while self._ticks.any():
             if choose_for_ghosts is not None:
                 self._ghosts.send(choose_for_ghosts())
-            self._advance(watch=True, most=1 if by_ticks else ALL_TICKS, fresh=fresh)
+            self._play()
+            self._control["fresh"][0] = 0
             self._follow_completed_rounds()
-            fresh = False
-            if not self._awake.any():
-                break
 
-    def _advance(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Play ticks with the options of :meth:`prepare_ticks`; each game stops after a completed round."""
-        self.prepare_ticks(watch=watch, most=most, fresh=fresh)
-        if self.after_physics_step is not None:
-            for step in range(1, self.substeps + 1):
-                self._control["until"][0] = step
-                self._play(resume=step > 1)
-                self.after_physics_step()
-        self._control["until"][0] = self.substeps + 1
-        self._play(resume=self.after_physics_step is not None)
-
-    def _play(self, *, resume: bool) -> None:
-        """Advance all games, and create physics spaces for robots that come near a wall."""
-        self._control["resume"][0] = resume
-        job, tables = self.tick_stage()
-        self.resume(self.threads.run(job, tables, self.n))
+    def begin_decisions(self, most: int, played: NDArray[np.bool_] | None = None) -> None:
+        """Wake the games in the mask ``played`` (N,) (None: all) for at most ``most`` ticks."""
+        self._ticks.fill(most)
+        if played is not None:
+            self._ticks[~played] = 0
+        control = self._control
+        control["fresh"][0], control["ticks"][0] = 1, most
 
     def tick_stage(self) -> Stage:
-        """Return the stage that plays the games after :meth:`prepare_ticks`; pass its result to :meth:`resume`."""
+        """Return the stage that plays the games after :meth:`begin_decisions`.
+
+        If its result is negative, :meth:`raise_error_of_ghost` raises the exception of a ghost's behaviour.
+        """
         while len(self._tables) < self.threads.number:
-            self._ghost_tables.append(self._ghosts.table(self.games, self._history.ghost_choices, self._parameters))
-            self._tables.append(_tick_table(self, self._ghost_tables[-1]))
+            ghosts = self._ghosts.table(self.games, self._parameters)
+            body = {"radius_m": self.config.robot.radius_m, "mass_kg": self.config.robot.mass_kg}
+            contacts = Contacts(**body, step_s=self.config.physics_step_s)
+            self._kept.append((ghosts, contacts))
+            self._tables.append(_tick_table(self, ghosts, contacts))
         return ticks.play, self._tables
 
-    def resume(self, waiting: int) -> None:
-        """Continue until no game waits for a physics space; ``waiting`` is the result of the tick stage.
+    def _play(self) -> None:
+        job, tables = self.tick_stage()
+        result = self.threads.run(job, tables, self.n)
+        if result < 0:
+            self.raise_error_of_ghost(result)
 
-        Raises the exception of a ghost's behaviour, if any.
-        """
-        while waiting:
-            if waiting < 0:
-                self.games["stage"] = ticks.BEGIN
-                self._ghosts.raise_error_of(self._ghost_tables[0].address, -1 - waiting)
-            for i in np.flatnonzero(self.games["stage"] == ticks.MOVE).tolist():
-                self.spaces.provide(self._levels.slots[i], self._levels.walls_of(i))
-            self._control["resume"][0] = 1
-            waiting = self.threads.run(ticks.play, self._tables, self.n)
-
-    def begin_decisions(self) -> None:
-        """Wake all games for one tick, which a choice stage may extend; ghosts that a policy controls wander."""
-        self._awake.fill(ticks.ONE_TICK)
-        self._ghosts.send(None)
-
-    def prepare_ticks(self, *, watch: bool = False, most: int = 1, fresh: bool = True) -> None:
-        """Set the options of the next call of the tick stage, which plays at most ``most`` ticks of each game.
-
-        With ``watch``, a game stops when its next decision is due; with ``fresh``, a new decision begins.
-        """
-        if self._history.make_room(self.games, 1 if most == 1 else self._longest):
-            self._discard_tables()
-        control = self._control
-        control["fresh"][0], control["watch"][0], control["ticks"][0] = fresh, watch, most
-        control["until"][0], control["resume"][0] = self.substeps + 1, 0
-
-    def _discard_tables(self) -> None:
-        self._tables, self._ghost_tables = [], []
-        self.revision += 1
+    def raise_error_of_ghost(self, result: int) -> None:
+        """Raise the exception of the ghost's behaviour that the tick stage reported by a negative ``result``."""
+        self._ghosts.raise_error_of(self._kept[0][0].address, -1 - result)
 
     def _set_actions(self, actions: NDArray[Any]) -> None:
         if self.config.action == "velocity":
@@ -385,19 +318,16 @@ def choice_stage(
     return ticks.choose, [Table(ticks.ChoiceArrays, **own, actions=actions, mask=mask, listed=listed)]
 
 
-def _tick_table(batch: GameBatch, ghosts: Table) -> Table:
-    decisions = zeros(ticks.TickArrays, ("decisions", "driven"), N=batch.n, t=0)
-    decisions["driven" if batch.config.action == "velocity" else "decisions"] = batch._history.decisions
+def _tick_table(batch: GameBatch, ghosts: Table, contacts: Contacts) -> Table:
     sizes = batch.levels.sizes
     search = detour_memory(sizes.cells, sizes.longest_cm, batch.source.first.grid.resolution)
     return Table(
         ticks.TickArrays,
         rules=batch._rules,
-        spaces=ticks.SpaceArrays(*batch.spaces.arrays),
         search=SearchArrays(*search),
         ghosts=ghosts.numbers,
+        solver=contacts.solver,
         rewards=batch._rewards,
         control=batch._controls,
-        **decisions,
         **batch.arrays,
     )

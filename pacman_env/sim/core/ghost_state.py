@@ -61,7 +61,6 @@ class GhostArrays(NamedTuple):
     obstacles: Any = Array(np.float64, "N G 5")  # of ``kernels.RuleArrays``
     parameters: Any = Array(PARAMETERS, "1")
     choices: Any = Array(GHOST_CHOICE, "N G")  # for the ghosts that a policy sends
-    remembered: Any = Array(GHOST_CHOICE, "N t G")  # choice at each tick of the round
     behaviours: Any = Array(np.int64, "B 2")  # addresses of the kernel and its constants; the last: of the frightened
     levels: Any = Array(np.int64, "L")  # addresses
     search: Any = SearchArrays
@@ -143,8 +142,6 @@ def decide(table, i):  # type: ignore[no-untyped-def]
         if ghost.fled and not frightened:  # a ghost that wanders draws a new target at the end of its path
             ghost.wanders |= behaviours[k, 0] == 0
         ghost.fled = frightened
-        if behaviours[k, 0] < 0:
-            a.remembered[i, g.tick, k] = a.choices[i, k]
         if is_away(a.obstacles[i, k], g.step):
             continue
         if behaviours[k, 0] > 0:
@@ -296,7 +293,7 @@ class Ghosts:
         # A ghost that turns round between two cells first walks to the second one.
         self.paths = np.zeros((*self.state.shape, levels.sizes.longest_ghost_way + 1), dtype=np.int32)
 
-    def table(self, games: NDArray[Any], remembered: NDArray[Any], parameters: NDArray[Any]) -> Table:
+    def table(self, games: NDArray[Any], parameters: NDArray[Any]) -> Table:
         """Return a table for the kernels with its own scratch memory; each thread needs one."""
         return Table(
             GhostArrays,
@@ -306,7 +303,6 @@ class Ghosts:
             obstacles=self.obstacles,
             parameters=parameters,
             choices=self.choices,
-            remembered=remembered,
             behaviours=self._behaviours,
             levels=self._levels.addresses,
             search=SearchArrays(*search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way)),
@@ -339,9 +335,8 @@ class MapGhosts:
         self._parameters["use_tf"] = 1  # the pose of see_robot is the believed pose
         self._games = np.zeros(1, dtype=GAME)  # only holds the robot's pose
         self._games["pellets"], self._games["refuges"] = assets.pellets, assets.refuges
-        self._remembered = np.zeros((1, 1, len(self)), dtype=GHOST_CHOICE)
         self._headings = [0.0] * len(self)
-        self._table = self._ghosts.table(self._games, self._remembered, self._parameters)
+        self._table = self._ghosts.table(self._games, self._parameters)
         state = self._ghosts.state[0]
         state["stream"] = [_stream(np.uint64(seed), number) for number in range(len(self))]
         state["wanders"] = self._ghosts.wander_first

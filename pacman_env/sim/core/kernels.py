@@ -157,10 +157,9 @@ def follow(a, i, event, value, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def decide(a, i, chosen, decisions):  # type: ignore[no-untyped-def]
-    """Record a game's choice in ``decisions`` (N, T) and send it to the navigator; a forbidden one becomes hold."""
+def decide(a, i, chosen):  # type: ignore[no-untyped-def]
+    """Send a game's choice to the navigator; a forbidden one becomes hold."""
     g, p = a.games[i], a.parameters[0]
-    decisions[i, g.tick] = chosen
     if chosen == p.pellet_slots + p.refuge_slots or not allowed(a, g, i, chosen, p):
         chosen = NO_CHOICE
     bx, by, _ = believed(g, p.use_tf)
@@ -198,7 +197,7 @@ def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untype
 
 
 @kernel
-def end_tick(a, i):  # type: ignore[no-untyped-def]
+def count_tick(a, i):  # type: ignore[no-untyped-def]
     """Count the tick, and update the distance of the nearest ghost and its closing speed."""
     g, p = a.games[i], a.parameters[0]
     g.tick += 1
@@ -210,7 +209,7 @@ def end_tick(a, i):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def begin_tick(g):  # type: ignore[no-untyped-def]
+def clear_counts(g):  # type: ignore[no-untyped-def]
     """Reset the tick's counts of pellets, caught ghosts and completed rounds."""
     g.tick_pellets, g.tick_power, g.tick_caught, g.tick_rounds = 0, 0, 0, 0
 
@@ -242,7 +241,7 @@ def observe(a, i):  # type: ignore[no-untyped-def]
 def _continues(a, i):  # type: ignore[no-untyped-def]
     """Return True if the round continues; otherwise end the tick."""
     if a.games[i].end != RUNNING:
-        end_tick(a, i)
+        count_tick(a, i)
         return False
     return True
 
@@ -252,7 +251,7 @@ def finish(a, i):  # type: ignore[no-untyped-def]
     """End a tick: apply rules and time limit, update the closing speed."""
     g, p = a.games[i], a.parameters[0]
     if observe(a, i):
-        end_tick(a, i)
+        count_tick(a, i)
         if g.tick >= p.ticks_max:
             g.end = TIMEOUT
 
@@ -266,26 +265,20 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
-    """Play one physics step of a single robot without a game; return False if it needs a physics space first.
+def step_robot(robot, level, by_hand):  # type: ignore[no-untyped-def]
+    """Play one physics step of a single robot without a game; ``robot`` are ``robot_simulation.RobotArrays``.
 
-    ``state`` is games (1,), paths (1, PATH_POINTS, 2), obstacles (1, G, 5), parameters (1,) and goals (K, 2) in m;
-    ``cells`` are clearance (H, W) in cm and :func:`move`'s ``clear``; ``nav`` are ``planner.Fields`` without goals.
+    ``level`` has the arrays of ``maps/level.py`` that navigator and physics read.
     """
-    games, paths, obstacles, parameters, plan_end = state
-    clearance, clear = cells
-    g, p = games[0], parameters[0]
+    g, p = robot.games[0], robot.parameters[0]
     i = np.int64(0)  # a constant would be of another type and compile everything again
-    affine = nav[0]
-    if not g.stage:
-        if navigator.plan_due(g, g.step):
-            navigator.plan(g, i, paths, obstacles[0], p, plan_end, nav, search)
-        refresh_heading(g)
-        drive(g, i, paths, p, by_hand, affine, clearance)
-    g.stage = not move(g, i, g.level, affine, clear, p, spaces)
-    if not g.stage:
-        sense(g, p)
-    return g.stage == 0
+    nav = (level.affine, level.snap, level.steps, level.cell_xy, level.length_cm, level.next_step)
+    if navigator.plan_due(g, g.step):
+        navigator.plan(g, i, robot.paths, robot.obstacles[0], p, level.plan_end, nav, robot.search)
+    refresh_heading(g)
+    drive(g, i, robot.paths, p, by_hand, level.affine, level.clearance_cm)
+    move(g, level, p, robot.solver[0])
+    sense(g, p)
 
 
 @kernel

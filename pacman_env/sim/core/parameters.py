@@ -29,8 +29,6 @@ _FIELDS = [
     ("seed", np.uint64),  # seed of this round
     ("episode_seed", np.uint64),  # seed of the first round
     ("step", np.int32),  # physics steps in this round
-    ("substep", np.int32),  # physics steps in this tick
-    ("stage", np.int32),  # next stage of this tick (ticks.py)
     ("tick", np.int32),  # ticks in this round
     *((name, np.float64 if name == "pickup" else np.int32) for name in EXECUTION),
     *((name, np.int32) for name in TickCounts._fields),  # of the last tick
@@ -51,7 +49,7 @@ GHOST = np.dtype(GHOST_FIELDS, align=True)
 #: The last decision of a game, which decides when the next one is due.
 LAST_DECISION = np.dtype(
     [
-        ("awake", np.uint8),  # ASLEEP, ONE_TICK or UNTIL_DUE (ticks.py)
+        ("ticks", np.int64),  # largest number of ticks until the next one; 0: the game stands still
         ("tick", np.int32),
         ("round", np.int32),
         ("distance", np.float64),  # m, to the nearest ghost
@@ -117,6 +115,7 @@ def _values(config: Config, resolution: float, pellet_slots: int, refuge_slots: 
         "per_base": 1.0 / robot.wheel_base_m,
         "mass_rate": robot.mass_kg / dt,
         "per_mass": 1.0 / robot.mass_kg,
+        "radius_m": robot.radius_m,
         "resolution": resolution,
         "pellet_slots": pellet_slots,
         "refuge_slots": refuge_slots,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,13 @@ from ...world.navigation.controller import refresh_heading
 from ...world.navigation.grid import build_grid
 from ...world.navigation.localization import Pose, compose, inverse, relative, wrap
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
-from ...world.navigation.physics import Spaces, clear_cells, overlap_m, touched
+from ...world.navigation.physics import Contacts
 from ...world.navigation.physics import place as place_body
 from ...world.navigation.planner import PATH_POINTS, detour_memory
+from ...world.navigation.walls import clear_cells, overlap_m, touched
 from . import kernels
 from .odometry import Odometry, OdometryErrors
 from .parameters import GAME, batch_parameters, draw_episodes
-from .ticks import SpaceArrays
 
 _LONG_AGO = -1_000_000  # steps
 _FAR_M = 1e6  # position of the ghost before it is seen
@@ -32,6 +32,32 @@ _FIELDS_KEPT = 64  # cached path fields of recent goals
 def _check_finite(name: str, numbers: Sequence[float]) -> None:
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"{name} {numbers}: must be {'two' if len(numbers) == 2 else 'three'} finite numbers")
+
+
+class RobotArrays(NamedTuple):
+    """What :func:`kernels.step_robot` reads and changes."""
+
+    games: NDArray[Any]  # (1,) of type ``GAME``
+    paths: NDArray[np.float32]  # (1, PATH_POINTS, 2) m, plan that the controller follows
+    obstacles: NDArray[np.float64]  # (1, G, 5) of ``kernels.RuleArrays``
+    parameters: NDArray[Any]  # (1,) of type ``PARAMETERS``
+    solver: NDArray[Any]  # (1,) of type ``SOLVER``
+    search: SearchArrays
+
+
+class _Surroundings(NamedTuple):
+    """Arrays of a map by their names in ``maps/level.py``, with two goals: the current one and its replacement."""
+
+    affine: NDArray[np.float64]
+    snap: NDArray[np.int32]
+    clearance_cm: NDArray[np.uint8]
+    clear: NDArray[np.bool_]
+    walls: NDArray[np.float64]
+    steps: NDArray[np.uint8]
+    cell_xy: NDArray[np.float32]
+    length_cm: NDArray[np.uint16]
+    next_step: NDArray[np.int16]
+    plan_end: NDArray[np.float64]
 
 
 class SimulatedRobot:
@@ -59,32 +85,43 @@ class SimulatedRobot:
         cells = len(grid.cell)
         self._fields = grid.path_fields()
         self._fields_kept: set[int] = set()
-        self._parameters = batch_parameters(config, grid.resolution, 1, 0)
         robot = config.robot
-        self._clear = clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, robot.radius_m)
-        self._spaces = Spaces(1, radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
-        self._paths = np.zeros((1, PATH_POINTS, 2), dtype=np.float32)
-        self._obstacles = np.zeros((1, 0, 5))
-        # Two slots for goals: the current one and its replacement.
-        self._length_cm = np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16)
-        self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
-        self._plan_end = np.zeros((2, 2))
-        cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
-        self._nav = grid.affine, grid.snap, grid.steps, cell_xy, self._length_cm, self._next_step
+        self._contacts = Contacts(radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
+        self._level = _Surroundings(
+            affine=grid.affine,
+            snap=grid.snap,
+            clearance_cm=grid.clearance_cm,
+            clear=clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, robot.radius_m),
+            walls=grid.walls,
+            steps=grid.steps,
+            cell_xy=np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32),
+            length_cm=np.full((cells, 2), UNREACHABLE_CM, dtype=np.uint16),
+            next_step=np.full((2, cells), NO_STEP, dtype=np.int16),
+            plan_end=np.zeros((2, 2)),
+        )
         self._longest_cm = 0
-        self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step of the command
         self._backwards = False
-        self._games = np.zeros(1, dtype=GAME)
-        self._g = self._games[0]
+        self._robot = RobotArrays(
+            games=np.zeros(1, dtype=GAME),
+            paths=np.zeros((1, PATH_POINTS, 2), dtype=np.float32),
+            obstacles=np.zeros((1, 0, 5)),
+            parameters=batch_parameters(config, grid.resolution, 1, 0),
+            solver=self._contacts.solver,
+            search=self._search_memory(),
+        )
+        self._g = self._robot.games[0]
         x, y, heading = grid.home.tolist()
         self._odometry = Odometry((x, y, heading), OdometryErrors(config.robot, seed) if drifts else None)
         self._slips_until = -1  # step
-        self._games[:] = draw_episodes(np.array([seed], dtype=np.uint64), config)
-        self._games["seed"] = seed
+        self._robot.games[:] = draw_episodes(np.array([seed], dtype=np.uint64), config)
+        self._g["seed"] = seed
         kernels.reset_robot(self._g, grid.home)
         self._g["clyde_x"], self._g["clyde_y"] = _FAR_M, _FAR_M
         self.localizing = localized
+
+    def _search_memory(self) -> SearchArrays:
+        return SearchArrays(*detour_memory(len(self.grid.cell), self._longest_cm, self.grid.resolution))
 
     @property
     def steps(self) -> int:
@@ -166,7 +203,7 @@ class SimulatedRobot:
         if belief is None:
             return None
         column, row = self.grid.to_cell(belief[0], belief[1])
-        length = int(self._length_cm[self.grid.snap[row, column], slot])
+        length = int(self._level.length_cm[self.grid.snap[row, column], slot])
         return None if length == UNREACHABLE_CM else 0.01 * length
 
     def why_aborted(self) -> str:
@@ -174,7 +211,7 @@ class SimulatedRobot:
         for reason in ("no path", "no control", "stuck"):
             name = reason.replace(" ", "_")
             since = int(self._g[f"nav_{name}_step"])
-            if since >= 0 and int(self._g["nav_last_step"]) - since >= int(self._parameters[0][f"{name}_steps"]):
+            if since >= 0 and int(self._g["nav_last_step"]) - since >= int(self._robot.parameters[0][f"{name}_steps"]):
                 return reason
         return "unknown"
 
@@ -190,23 +227,23 @@ class SimulatedRobot:
         grid, tolerance = self.grid, self.config.nav2.unreachable_tolerance_m
         slot = 1 - max(int(self._g["nav_goal"]), 0) if self._g["nav_state"] == navigator.ACTIVE else 0
         cell = int(grid.cells_under(np.array([[x, y]]))[0])
-        self._plan_end[slot] = x, y
+        self._level.plan_end[slot] = x, y
         if cell < 0:
             cell = grid.nearest_cell(x, y, tolerance)
             if cell >= 0:
-                self._plan_end[slot] = grid.to_world(*grid.cell[cell].tolist())
+                self._level.plan_end[slot] = grid.to_world(*grid.cell[cell].tolist())
         if cell < 0:
-            self._length_cm[:, slot], self._next_step[slot] = UNREACHABLE_CM, NO_STEP
+            self._level.length_cm[:, slot], self._level.next_step[slot] = UNREACHABLE_CM, NO_STEP
         else:
             if len(self._fields_kept) >= _FIELDS_KEPT and cell not in self._fields_kept:
                 self._fields = grid.path_fields()
                 self._fields_kept.clear()
             self._fields_kept.add(cell)
-            self._length_cm[:, slot], self._next_step[slot] = length_cm, _ = self._fields.to(cell)
+            self._level.length_cm[:, slot], self._level.next_step[slot] = length_cm, _ = self._fields.to(cell)
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._search = SearchArrays(*detour_memory(len(grid.cell), longest, grid.resolution))
+                self._robot = self._robot._replace(search=self._search_memory())
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
@@ -225,8 +262,9 @@ class SimulatedRobot:
     def set_obstacles(self, places: Sequence[tuple[float, float]]) -> None:
         for place in places:
             _check_finite("obstacle at", place)
-        self._obstacles = np.zeros((1, len(places), 5))
-        self._obstacles[0, :, :2] = np.array(places).reshape(-1, 2)
+        obstacles = np.zeros((1, len(places), 5))
+        obstacles[0, :, :2] = np.array(places).reshape(-1, 2)
+        self._robot = self._robot._replace(obstacles=obstacles)
         x, y = self.pose[:2]
         nearest = min(places, key=lambda place: math.dist(place, (x, y)), default=(_FAR_M, _FAR_M))
         self._g["clyde_x"], self._g["clyde_y"] = nearest
@@ -261,7 +299,7 @@ class SimulatedRobot:
             raise ValueError(f"pose ({x:g}, {y:g}): the robot does not fit there")
         origin, last = self.pose, (float(g["odom_x"]), float(g["odom_y"]), float(g["odom_heading"]))
         self._odometry.lose_scans(self.pose, _filtered(g, self.pose))
-        _place_at_rest(g, self._spaces, pose)
+        _place_at_rest(g, pose)
         g["left"] = g["right"] = g["omega"] = 0.0
         # The next filter update comes at the same distance as without the move.
         g["odom_x"], g["odom_y"], g["odom_heading"] = compose(pose, relative(origin, last))
@@ -281,20 +319,16 @@ class SimulatedRobot:
         timeout = self.config.robot.velocity_timeout_s / self.config.physics_step_s
         # The last command counts, and an active navigator gives one at each step.
         by_hand = age == 0 or (age < timeout and g["nav_state"] != navigator.ACTIVE)
-        parameters, grid = self._parameters, self.grid
         slips = self.steps < self._slips_until
         start = self.pose
         if by_hand:
-            kernels.command(g, v, omega, parameters[0])
+            kernels.command(g, v, omega, self._robot.parameters[0])
             if self._backwards:
                 g["command_v"] = v
-        state = self._games, self._paths, self._obstacles, parameters, self._plan_end
-        cells, spaces = (grid.clearance_cm, self._clear), SpaceArrays(*self._spaces.arrays)
-        while not kernels.step_robot(state, int(by_hand), cells, self._nav, self._search, spaces):
-            self._spaces.provide(0, grid.walls)
+        kernels.step_robot(self._robot, self._level, int(by_hand))
         wheels = None
         if slips:
-            _place_at_rest(g, self._spaces, start)
+            _place_at_rest(g, start)
             v, omega = _wheels(g, self.config.robot.wheel_base_m)
             wheels = v * self.config.physics_step_s, 0.0, omega * self.config.physics_step_s
         self._odometry.count(start, self.pose, wheels)
@@ -333,9 +367,8 @@ def _wheels(g: Any, wheel_base_m: float) -> tuple[float, float]:
     return 0.5 * (left + right), (right - left) / wheel_base_m
 
 
-def _place_at_rest(g: Any, spaces: Spaces, at: Pose) -> None:
+def _place_at_rest(g: Any, at: Pose) -> None:
     """Place the robot at a pose and set its velocity to zero; the speeds of its wheels do not change."""
-    spaces.leave(np.zeros(1, dtype=np.int64))
     place_body(g, at[0], at[1])
     g["x"], g["y"], g["vx"], g["vy"], g["heading"] = at[0], at[1], 0.0, 0.0, at[2]
 

@@ -1,6 +1,6 @@
-"""State of N games in arrays with one row per game, the history of their decisions, and their levels."""
+"""State of N games in arrays with one row per game, and their levels."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,17 +9,14 @@ from ...config import Config
 from ...engine.arrays import zeros
 from ...engine.threads import Threads
 from ...game.decisions import Moment
-from ...world.navigation.physics import Spaces
 from ..maps.assets import MapAssets
 from ..maps.level_slots import LevelSlots
 from ..maps.level_source import LevelSource
 from ..maps.levels_ahead import LevelsAhead
 from . import kernels
-from .ghost_state import GHOST_CHOICE, Ghosts
-from .parameters import GAME
+from .ghost_state import Ghosts
 from .ticks import TickArrays
 
-_ROOM = 1024  # initial capacity for decisions
 _OWN_RULES = "games", "alive", "waits", "aborts"  # fields of ``kernels.RuleArrays`` with a row for each game
 
 
@@ -80,51 +77,6 @@ class GameState:
         return Moment(time_s, int(g["pursued"]), news, float(g["distance"]))
 
 
-class RoundSoFar(NamedTuple):
-    """The start of a round and its decisions so far, for replaying it."""
-
-    game: int
-    level: int
-    began: Any  # first record of the round, with its seed
-    decisions: NDArray[Any]  # candidates (T,), or velocities (T, 2) if the action is "velocity"
-    ghost_choices: NDArray[Any]  # (T, G) of type ``GHOST_CHOICE``; (0, G) if no ghost is controlled by a policy
-
-
-class History:
-    """Decisions of N games by tick, written by kernels; with ``sent``, also the choices of ghost policies."""
-
-    def __init__(self, n: int, ghosts: int, sent: bool, config: Config) -> None:
-        velocity = config.action == "velocity"
-        self.decisions = np.zeros((n, _ROOM, 2) if velocity else (n, _ROOM), np.float64 if velocity else np.int16)
-        self.ghost_choices = np.zeros((n, _ROOM if sent else 0, ghosts), GHOST_CHOICE)
-        self.began = np.zeros(n, dtype=GAME)
-        self._certain = 0  # number of ticks that certainly fit in every game
-
-    def make_room(self, games: NDArray[Any], ticks: int) -> bool:
-        """Reserve space for ``ticks`` more ticks in every game; return True if the arrays were replaced."""
-        if self._certain >= ticks:
-            self._certain -= ticks
-            return False
-        room, tick = self.decisions.shape[1], int(games["tick"].max())
-        longer = tick + ticks > room
-        while tick + ticks > room:
-            self.decisions, self.ghost_choices = (
-                np.concatenate([array, np.zeros_like(array)], axis=1) for array in (self.decisions, self.ghost_choices)
-            )
-            room *= 2
-        self._certain = room - tick - ticks
-        return longer
-
-    def begin(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], records: NDArray[Any]) -> None:
-        """Record the start of rounds in the games ``index`` (M,) with their seeds and records (M,)."""
-        self.began[index] = records
-        self.began["seed"][index] = seeds
-
-    def so_far(self, game: int, ticks: int, level: int) -> RoundSoFar:
-        decided = self.decisions[game, :ticks].copy(), self.ghost_choices[game, :ticks].copy()
-        return RoundSoFar(game, level, self.began[game].copy(), *decided)
-
-
 _MOST_AHEAD = 64  # levels, of about 4 MB each
 _NONE = -1  # instead of a slot, before the first round
 
@@ -135,9 +87,6 @@ class GameLevels:
         self.levels = LevelSlots(source.slots(n), source.most(config), config)
         if len(self.levels) == 1:
             self.levels.put(0, 0, source.prepare(0))
-        robot = config.robot
-        body = {"radius_m": robot.radius_m, "mass_kg": robot.mass_kg, "step_s": config.physics_step_s}
-        self.spaces = Spaces(n, len(self.levels), **body)
         self.slots = [_NONE] * n
         self._ahead: LevelsAhead | None = None
         self._threads = threads.number
@@ -145,10 +94,6 @@ class GameLevels:
     def assets_of(self, game: int) -> MapAssets:
         slot = self.slots[game]
         return self.source.first if slot == _NONE else self.levels.level(slot).assets
-
-    def walls_of(self, game: int) -> NDArray[np.float64]:
-        """Return the wall segments (S, 4) in m of a running game's map."""
-        return self.levels.level(self.slots[game]).walls
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
         levels = dict.fromkeys(self.source.levels_of(seeds).tolist())
@@ -167,15 +112,11 @@ class GameLevels:
             self._prepare_ahead(missing)
         prepare = self.source.prepare if self._ahead is None else self._ahead.take
         prepared = {level: prepare(level) for level in missing}
-        self.spaces.leave(index)
         for i in index.tolist():
             if self.slots[i] != _NONE:
                 self.levels.release(self.slots[i])
         for i, level in zip(index.tolist(), levels.tolist(), strict=True):
-            cached = self.levels.has(level)
             self.slots[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
-            if not cached:
-                self.spaces.delete_spaces(self.slots[i])
 
     def enter(self, index: NDArray[np.int64], records: NDArray[Any]) -> None:
         """Write slot and size of the levels to the ``records`` (M,) of the games ``index`` (M,) that start a round."""
@@ -185,4 +126,3 @@ class GameLevels:
             facts = self.levels.level(self.slots[i]).facts
             records[k]["level"] = self.slots[i]
             records[k]["pellets"], records[k]["refuges"] = facts.pellets, facts.refuges
-        self.spaces.leave(index)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...config import Config
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...world.navigation.paths import coarse_steps
+from ...world.navigation.walls import clear_cells
 from .assets import MapAssets
 
 COARSE_STEPS, COARSE_MAP = range(2)  # indices of ``LevelArrays.later``
@@ -23,6 +24,7 @@ class LevelArrays(NamedTuple):
     snap: Any = Array(np.int32, "H W")  # nearest drivable cell
     clearance_cm: Any = Array(np.uint8, "H W")
     clear: Any = Array(np.bool_, "H W")  # a robot at this cell touches no wall
+    walls: Any = Array(np.float64, "s 4")  # x and y of both ends of each wall segment, m
     steps: Any = Array(np.uint8, "K")  # one bit per drivable neighbour
     cell_xy: Any = Array(np.float32, "K 2")  # m
     length_cm: Any = Array(np.uint16, "K G")  # path to each goal
@@ -72,11 +74,9 @@ class Level:
     All arrays but ``later`` are constant.
     """
 
-    def __init__(
-        self, table: Table, walls: NDArray[np.float64], facts: LevelFacts, prepare: Callable[[], MapAssets]
-    ) -> None:
-        """Create a level from ``walls`` (S, 4) in m; ``prepare`` returns the whole map when ``assets`` needs it."""
-        self.table, self.walls, self.facts, self._prepare = table, walls, facts, prepare
+    def __init__(self, table: Table, facts: LevelFacts, prepare: Callable[[], MapAssets]) -> None:
+        """Create a level; ``prepare`` returns the whole map when ``assets`` needs it."""
+        self.table, self.facts, self._prepare = table, facts, prepare
         self._later: dict[int, Table] = {}
 
     @classmethod
@@ -85,7 +85,7 @@ class Level:
         ghost_cells, longest = len(assets.clyde.part), assets.clyde.longest
         facts = LevelFacts(assets.pellets, assets.refuges, len(assets.cell_xy), longest_cm, ghost_cells, longest)
         table = Table(LevelArrays, **_arrays(assets, config), later=np.zeros(2, dtype=np.int64))
-        return cls(table, assets.grid.walls, facts, functools.partial(_identity, assets))
+        return cls(table, facts, functools.partial(_identity, assets))
 
     @property
     def address(self) -> int:
@@ -100,7 +100,7 @@ class Level:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickle, (self.arrays, self.walls, self.facts, self._prepare)
+        return _unpickle, (self.arrays, self.facts, self._prepare)
 
     @functools.cached_property
     def assets(self) -> MapAssets:
@@ -132,8 +132,6 @@ def _identity(assets: MapAssets) -> MapAssets:
 
 
 def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
-    from ...world.navigation.physics import clear_cells  # policies must not load pymunk
-
     grid, clyde = assets.grid, assets.clyde
     # NavFn moves a goal out of reach to the nearest place where the robot can be.
     nearest = assets.cell_xy[assets.goal_cell].astype(np.float64)
@@ -145,6 +143,7 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "snap": grid.snap,
         "clearance_cm": grid.clearance_cm,
         "clear": clear_cells(grid.walls, grid.affine, grid.shape, grid.resolution, config.robot.radius_m),
+        "walls": grid.walls,
         "steps": grid.steps,
         "cell_xy": assets.cell_xy,
         "length_cm": assets.length_cm,

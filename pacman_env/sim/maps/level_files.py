@@ -37,7 +37,6 @@ _HEAD = np.dtype(
         ("key", "S64"),
         ("bytes", np.int64),  # size of the file
         ("facts", np.int64, len(LevelFacts._fields)),
-        ("walls", np.int64),  # number of walls, whose data comes first
         *(
             (str(place), np.int64, sum(1 + len(a.axes) for a in declared(kind).values()))
             for place, kind in _KINDS.items()
@@ -103,9 +102,9 @@ class LevelFiles:
 
 def _write(path: Path, key: str, level: Level) -> None:
     head = np.zeros(1, dtype=_HEAD)
-    arrays: list[NDArray[Any]] = [level.walls]
+    arrays: list[NDArray[Any]] = []
     offsets: dict[tuple[int, int], int] = {}  # offsets by address and size, for arrays shared by tables
-    at = _padded(_HEAD.itemsize) + _padded(level.walls.nbytes)
+    at = _padded(_HEAD.itemsize)
     for place in _KINDS:
         table = level.table if place == _OWN else level.find(place)
         assert table is not None
@@ -118,7 +117,7 @@ def _write(path: Path, key: str, level: Level) -> None:
                 at += _padded(array.nbytes)
         head[str(place)] = numbers
     head["format"], head["key"], head["bytes"] = _FORMAT, key.encode(), at
-    head["facts"], head["walls"] = level.facts, len(level.walls)
+    head["facts"] = level.facts
     with open(path, "wb") as file:
         for array in (head, *arrays):
             file.write(array.tobytes().ljust(_padded(array.nbytes), b"\0"))
@@ -133,8 +132,7 @@ def _read(memory: NDArray[np.uint8], key: str, prepare: Callable[[], MapAssets])
     if (head["format"], head["key"], head["bytes"]) != (_FORMAT, key.encode(), len(memory)):
         raise ValueError("another kind of file, or not all of it")
     tables = {place: Table.of_memory(kind, head[str(place)], memory) for place, kind in _KINDS.items()}
-    walls: NDArray[np.float64] = np.ndarray((int(head["walls"]), 4), np.float64, memory, _padded(_HEAD.itemsize))
-    level = Level(tables[_OWN], walls, LevelFacts(*head["facts"].tolist()), prepare)
+    level = Level(tables[_OWN], LevelFacts(*head["facts"].tolist()), prepare)
     for place in _LATER:
         level.add(place, tables[place])
     return level

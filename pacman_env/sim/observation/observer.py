@@ -58,7 +58,7 @@ class Observer:
             own_parts = {key: part if key == MASK else part._replace(**unit) for key, part in own_parts.items()}
         self.parts = {FLAT: _flattened(own_parts)} if config.flat else own_parts
         self._compiled = [kind for kind in self._kinds if isinstance(kind, CompiledKind)]
-        self._pipelines: dict[Any, tuple[tuple[int, int], Pipeline]] = {}  # with the state for which they were built
+        self._pipelines: dict[Any, tuple[int, Pipeline]] = {}  # with the state for which they were built
         self._filled = [kind for kind in self._kinds if not isinstance(kind, CompiledKind)]
 
     def __getstate__(self) -> tuple[Any, ...]:
@@ -128,13 +128,13 @@ class Observer:
         Pipelines are cached, and rebuilt when the arrays that they use are replaced.
         """
         batch, name = self._batch, (player, before is None)  # a reference to the function would keep its owner alive
-        if name not in self._pipelines or self._pipelines[name][0] != (batch.revision, batch.levels.most_goals):
+        if name not in self._pipelines or self._pipelines[name][0] != batch.levels.most_goals:
             stages = [] if before is None else before()
             stages.append(situation_stage(batch, self.situation, player))
             stages.append(self._list_stage)
             stages += [kind.stage(batch, self.situation, self._wanted, self._raw) for kind in self._compiled]
             stages += [] if self._filled else self._row_stages
-            self._pipelines[name] = (batch.revision, batch.levels.most_goals), Pipeline(stages, batch.threads)
+            self._pipelines[name] = batch.levels.most_goals, Pipeline(stages, batch.threads)
         return self._pipelines[name][1]
 
     def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:

@@ -18,6 +18,7 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import LAYOUT, Situation
 from tests.drawn import drawn
+from tests.physics_steps import watch
 from tests.sim.players import new_batch
 
 #: What a robot measures with other arithmetic than the simulator's.
@@ -34,7 +35,7 @@ class Robot:
         self.period_s = batch.config.clyde.update_period_s
         self.updates = {0: batch.obstacles[0].copy()}  # ghosts by the number of their update
         self.seen_updates = -1
-        batch.after_physics_step = self.watch
+        watch(batch, self.watch)
 
     def watch(self) -> None:
         steps = round(self.period_s / self.batch.config.physics_step_s)

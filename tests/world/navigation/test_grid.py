@@ -18,7 +18,7 @@ from pacman_env.world.navigation.grid import (
     inflate,
     nearest_numbers,
 )
-from pacman_env.world.navigation.physics import overlap_m
+from pacman_env.world.navigation.walls import overlap_m
 from tests.drawn import box, centre, drawn
 from tests.shared import shared_path
 

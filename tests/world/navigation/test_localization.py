@@ -15,6 +15,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, Pose, compose, inverse, scan, update, wrap
 from tests.navigator_drives import ALONE, drive_leg, with_goals
+from tests.physics_steps import watch
 from tests.shared import shared_path
 
 ROBOT = make_config("robot").localization
@@ -178,10 +179,9 @@ def published() -> tuple[np.ndarray, ...]:
             logs[i].append((g["amcl_step"] * 0.05, *(float(g[f"odom_{name}"]) for name in ("x", "y", "heading"))))
         seen[:] = batch.games["amcl_step"]
 
-    batch.after_physics_step = watched
+    watch(batch, watched)
     for leg in range(3):
         drive_leg(batch, np.arange(25) * 3 + leg)
-    batch.after_physics_step = None
     interval, x, y, turn = np.abs(np.concatenate([np.diff(np.array(log), axis=0) for log in logs])).T
     spacing = np.hypot(x, y)
     return interval, spacing, turn, (spacing > 0.2) & (turn < 0.2)

@@ -9,6 +9,7 @@ from pacman_env.config import Config, make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED
+from tests import physics_steps
 from tests.drawn import TWO_ROOMS, drawn
 from tests.navigator_drives import ALONE, watch_contacts, with_goals
 
@@ -46,7 +47,7 @@ def put_clyde(batch: GameBatch, game: int, x: float, y: float) -> None:
 
 def watch(batch: GameBatch, look: Callable[[np.ndarray], None]) -> None:
     """Call ``look`` with the games' records after every physics step."""
-    batch.after_physics_step = lambda: look(batch.games)
+    physics_steps.watch(batch, lambda: look(batch.games))
 
 
 def drive(batch: GameBatch, refuge: int = 0, at_most_s: float = 60.0) -> int:

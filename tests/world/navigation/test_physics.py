@@ -1,8 +1,9 @@
+import math
 import platform
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pymunk
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config
 from pacman_env.sim.core.parameters import GAME, batch_parameters
-from pacman_env.world.navigation.physics import Spaces, clear_cells, move, overlap_m, place
+from pacman_env.world.navigation.physics import Contacts, move, place
+from pacman_env.world.navigation.walls import clear_cells, overlap_m
 
 CONFIG = Config()
 ROBOT, STEP_S = CONFIG.robot, CONFIG.physics_step_s
@@ -20,31 +22,36 @@ ROBOT, STEP_S = CONFIG.robot, CONFIG.physics_step_s
 CORNERS = np.array([(-2, -2), (2, -2), (2, 2), (0.5, 2), (0.5, 0.5), (0, 0.5), (0, 2), (-2, 2)], dtype=np.float64)
 WALLS = np.concatenate([CORNERS, np.roll(CORNERS, -1, axis=0)], axis=1)
 AFFINE = np.array([20.0, 0.0, 50.0, 0.0, 20.0, 50.0])  # cells of 5 cm, 100 x 100 of them
-CLEAR = clear_cells(WALLS, AFFINE, (100, 100), 0.05, ROBOT.radius_m)
 BODY = {"radius_m": ROBOT.radius_m, "mass_kg": ROBOT.mass_kg, "step_s": STEP_S}
+
+
+class Room(NamedTuple):
+    """What ``move`` reads of a level."""
+
+    affine: np.ndarray
+    clear: np.ndarray
+    walls: np.ndarray
+
+
+ROOM = Room(AFFINE, clear_cells(WALLS, AFFINE, (100, 100), 0.05, ROBOT.radius_m), WALLS)
 
 
 class Robots:
     """N robots among the walls of the room."""
 
     def __init__(self, *starts: Any) -> None:
-        n = len(starts)
-        self.games = np.zeros(n, dtype=GAME)
-        self.spaces = Spaces(n, **BODY)
+        self.games = np.zeros(len(starts), dtype=GAME)
+        self.contacts = Contacts(**BODY)
         self.parameters = batch_parameters(CONFIG, 0.05, 1, 0)[0]
-        self.chipmunk_steps = 0
         for i, (x, y) in enumerate(starts):
             self.place(i, x, y)
 
     def place(self, i: int, x: float, y: float) -> None:
-        self.spaces.leave(np.array([i]))
         place(self.games[i], x, y)
 
     def step(self) -> None:
-        for i, g in enumerate(self.games):
-            while not move(g, i, 0, AFFINE, CLEAR, self.parameters, self.spaces.arrays):
-                self.spaces.provide(0, WALLS)
-            self.chipmunk_steps += bool(g["touch"])
+        for g in self.games:
+            move(g, ROOM, self.parameters, self.contacts.solver[0])
 
     def push(self, force: Any) -> None:
         self.games["force_x"], self.games["force_y"] = np.broadcast_to(force, (len(self.games), 2)).T
@@ -112,42 +119,62 @@ def test_step_far_from_walls_is_chipmunks_own(
     for fx, fy, steps in forces:
         for _ in range(steps):
             ours.push((fx, fy))
-            if ours.games["touch"][0]:  # from here on there are walls
+            if ours.depth() > -0.05:  # from here on there are walls
                 return
             body.force = fx, fy
             space.step(STEP_S)
             assert ours.state[0].tolist() == [*body.position, *body.velocity]
-            assert len(ours.spaces) == 0
+
+
+def chipmunk_room(walls: np.ndarray) -> tuple[pymunk.Space, pymunk.Body]:
+    """Return pymunk's own space with all walls and a body of the robot."""
+    space = pymunk.Space()
+    space.collision_slop = 0.001
+    body = pymunk.Body(ROBOT.mass_kg, float("inf"))
+    space.add(body, pymunk.Circle(body, ROBOT.radius_m))
+    space.add(*(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in walls.tolist()))
+    return space, body
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    x=st.floats(-2 + ROBOT.radius_m - 0.01, -2 + ROBOT.radius_m),
+    y=st.floats(-2 + ROBOT.radius_m - 0.01, 1.7),
+    force=st.tuples(st.floats(-15, 15), st.floats(-15, 15)),
+)
+def test_velocity_after_a_contact_is_chipmunks_own(x: float, y: float, force: tuple[float, float]) -> None:
+    ours = Robots((x, y))
+    ours.push(force)
+    space, body = chipmunk_room(WALLS)
+    body.position, body.force = (x, y), force
+    space.step(STEP_S)
+    np.testing.assert_allclose(ours.state[0, 2:], body.velocity, atol=1e-12)
+
+
+def test_long_contact_follows_chipmunks_own() -> None:
+    ours = Robots((-1.5, -1.0))
+    space, body = chipmunk_room(WALLS)
+    body.position = -1.5, -1.0
+    for k in range(300):
+        wanted = np.array([-0.3 * math.cos(k / 40), 0.3 * math.sin(k / 25)])
+        ours.drive(wanted)
+        body.force = tuple(ROBOT.mass_kg * (wanted - body.velocity) / STEP_S)
+        space.step(STEP_S)
+    np.testing.assert_allclose(ours.state[0, :2], body.position, atol=0.005)
 
 
 @settings(max_examples=15, deadline=None)
 @given(seed=st.integers(0, 10_000))
-def test_robot_does_not_depend_on_its_spaces_past(seed: int) -> None:
+def test_robot_does_not_depend_on_earlier_contacts(seed: int) -> None:
     rng = np.random.default_rng(seed)
     starts, speeds = rng.uniform(-1.75, -0.25, (5, 2)), rng.uniform(-0.4, 0.4, (12, 5, 2))
-    together, fewer = Robots(*starts.tolist()), [Robots(start) for start in starts.tolist()]
-    for k, speed in enumerate(speeds):
+    together, alone = Robots(*starts.tolist()), [Robots(start) for start in starts.tolist()]
+    for speed in speeds:
         for _ in range(20):
             together.drive(speed)
-            for i, one in enumerate(fewer):
+            for i, one in enumerate(alone):
                 one.drive(speed[i])
-        if k % 4 == 3:  # somebody begins again, in the middle of a contact perhaps
-            i = int(rng.integers(5))
-            together.place(i, *starts[i].tolist())
-            fewer[i].place(0, *starts[i].tolist())
-        np.testing.assert_array_equal(together.state, np.concatenate([one.state for one in fewer]))
-
-
-def test_fewer_spaces_than_robots_are_handed_on() -> None:
-    robots = Robots(*[(-1.0, -1.0)] * 6)
-    for i in range(6):  # one after the other goes to the wall and comes back
-        for sign in (-1, 1):
-            for _ in range(70):
-                velocity = np.zeros((6, 2))
-                velocity[i, 0] = sign * 0.3
-                robots.drive(velocity)
-    assert robots.chipmunk_steps > 100
-    assert len(robots.spaces) == 1
+        np.testing.assert_array_equal(together.state, np.concatenate([one.state for one in alone]))
 
 
 def test_placing_a_robot_stops_it() -> None:
@@ -159,40 +186,19 @@ def test_placing_a_robot_stops_it() -> None:
     assert robots.state[0].tolist() == [-1.5, -1.5, 0.0, 0.0]
 
 
-@settings(max_examples=20, deadline=None)
-@given(x=st.floats(-2.4, 2.4), y=st.floats(-2.4, 2.4))
-def test_clear_cells_have_no_wall_in_reach(x: float, y: float) -> None:
-    column, row = int(20 * x + 50), int(20 * y + 50)
-    if CLEAR[row, column]:
-        corners = np.array([((column + dx - 50) / 20, (row + dy - 50) / 20) for dx in (0, 1) for dy in (0, 1)])
-        assert (overlap_m(WALLS, np.concatenate([corners, [[x, y]]]), ROBOT.radius_m) < 0).all()
-
-
-def test_only_cells_near_walls_are_not_clear() -> None:
-    centres = np.stack(np.meshgrid((np.arange(100) - 49.5) / 20, (np.arange(100) - 49.5) / 20), axis=-1).reshape(-1, 2)
-    away = -overlap_m(WALLS, centres, ROBOT.radius_m).reshape(100, 100)
-    inner = np.s_[1:-1, 1:-1]
-    assert CLEAR[inner][away[inner] > 0.04].all()
-    assert not CLEAR[away < 0.035].any()
-
-
-#: A kernel of a script keeps the script's globals, and so the spaces, until pymunk's modules have been cleared.
-GLOBAL_SPACES = """
-import numpy as np
+#: A kernel of a script keeps the script's globals until pymunk's modules have been cleared.
+GLOBAL_CONTACTS = """
 import pacman_env
 import numba
-from pacman_env.world.navigation.physics import Spaces
+from pacman_env.world.navigation.physics import Contacts
 kernel = numba.njit(lambda x: x)
 kernel(1)
-walls = np.array([[-2.0, -2.0, 2.0, -2.0]])
-spaces = Spaces(4, levels=4, radius_m=0.17, mass_kg=1.0, step_s=0.05)
-for level in range(4):
-    spaces.provide(level, walls)
-print(len(spaces))
+contacts = [Contacts(radius_m=0.17, mass_kg=1.0, step_s=0.05) for _ in range(4)]
+print(len(contacts))
 """
 
 
-def test_spaces_in_globals_end_silently_with_the_interpreter() -> None:
+def test_contacts_in_globals_end_silently_with_the_interpreter() -> None:
     root = Path(__file__).resolve().parents[3]
-    done = subprocess.run([sys.executable, "-c", GLOBAL_SPACES], cwd=root, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, "-c", GLOBAL_CONTACTS], cwd=root, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "4\n", "")
