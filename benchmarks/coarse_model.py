@@ -23,6 +23,7 @@ from pacman_env.sim.coarse.start import draw_futures, start
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 
 _PLAYED_S = 4.0  # time before the first comparison and between comparisons
 _FIELDS = (
@@ -65,7 +66,7 @@ class Trials:
     def trials(self) -> NDArray[Any]:
         """Return N records TRIAL from the current state of the games; games that end start again."""
         self._drive(round(_PLAYED_S / self.config.execution.tick_s))
-        situation = self.batch.situation()
+        situation = situation_of(self.batch)
         chosen = self._draw(situation)
         result = np.zeros(self.games, TRIAL)
         result["switched"] = situation.current >= 0
@@ -82,7 +83,7 @@ class Trials:
         policy = make_policy("nearest")
         policy.reset(np.ones(self.games, np.bool_), self.config)
         for _ in range(ticks):
-            self.batch.step(policy.select(self.batch.situation()))
+            self.batch.step(policy.select(situation_of(self.batch)))
             self._reset(self.batch.games["end"] != RUNNING)
 
     def _expect(self, situation: Situation, i: int, candidate: int, trial: NDArray[Any]) -> list[float]:
@@ -101,7 +102,7 @@ class Trials:
         for tick in range(1, self.ticks + 1):
             running = games["end"] == RUNNING
             self.batch.step(chosen)
-            situation = self.batch.situation()
+            situation = situation_of(self.batch)
             offset = situation.ghosts[:, :, :2] - situation.robot[:, None, :2]
             apart = np.hypot(offset[..., 0], offset[..., 1]).min(axis=1)
             trial["closest_m"] = np.where(running, np.minimum(trial["closest_m"], apart), trial["closest_m"])

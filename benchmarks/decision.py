@@ -21,6 +21,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 
 WARM_UP = 50  # decisions that do not count, for compilation and caches
 
@@ -46,7 +47,7 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
         if ended:
             batch.reset(np.zeros(1, np.int64), seeds.integers(2**63, size=1, dtype=np.uint64))
             policy.reset(np.ones(1, np.bool_), config)
-        situation = batch.situation()
+        situation = situation_of(batch)
         began = time.perf_counter_ns()
         goal = policy.select(situation)
         times.append((time.perf_counter_ns() - began) / 1e6)

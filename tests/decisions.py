@@ -14,6 +14,7 @@ from pacman_env.config import make_config
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 
 MAP = "house"
 GAMES = 24
@@ -25,7 +26,7 @@ def decisions(policy: str) -> dict[str, Any]:
     config = make_config("robot")
     batch = GameBatch(map_assets(MAP, config), config, GAMES)
     batch.reset(np.arange(GAMES), np.arange(GAMES, dtype=np.uint64))
-    situation = batch.situation()
+    situation = situation_of(batch)
     planner = make_policy(policy)
     planner.reset(np.ones(GAMES, dtype=np.bool_), config)
     scores = planner.scores(situation)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
 from pacman_env.world.navigation.walls import overlap_m
 from tests.physics_steps import watch
@@ -94,7 +95,7 @@ def drive_leg(batch: GameBatch, refuge: NDArray[np.int64]) -> NDArray[np.float64
     A robot within the goal tolerance of its refuge has already arrived: the rules send no such goal.
     """
     candidate = np.where(refuge >= 0, batch.pellet_slots + refuge, batch.hold)
-    start, rows, step_s = batch.situation(), np.arange(batch.n), batch.config.physics_step_s
+    start, rows, step_s = situation_of(batch), np.arange(batch.n), batch.config.physics_step_s
     began = batch.games["step"].copy()
     results = np.zeros((batch.n, 4))
     results[:, 0], results[:, 1] = NO_RESULT, start.path_robot[rows, candidate]

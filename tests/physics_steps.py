@@ -32,7 +32,7 @@ def _play(batch: GameBatch, look: Callable[[], None]) -> None:
         if not plays.any():
             break
         _begin_ticks(table, plays)
-        for step in range(batch.substeps):
+        for step in range(batch._parameters["substeps"][0]):
             _step(table, plays, step)
             look()
         _end_ticks(table, plays)

@@ -12,6 +12,7 @@ from pacman_env.game.ends import CAUGHT, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.navigator import ABORTED, SUCCEEDED
 from tests.one_game import RobotSide
 from tests.physics_steps import watch
@@ -117,7 +118,7 @@ def test_robot_replays_recorded_rounds_as_same_games(policy: str, ghosts: tuple[
     recorded = Recorded(batch)
     batch.reset(np.arange(n), np.arange(n, dtype=np.uint64))
     while (batch.games["end"] == RUNNING).any():
-        batch.step(chooser.select(batch.situation()))
+        batch.step(chooser.select(situation_of(batch)))
     ends, caught = set(), 0
     for i, events in enumerate(recorded.events):
         robot, game = play_again(events, config, batch), batch.games[i]

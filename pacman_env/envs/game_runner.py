@@ -10,6 +10,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from pacman_env.sim.observation.situation_writer import situation_of
+
 from ..config import ConfigError
 from ..game.ends import RUNNING
 from ..game.reward import Rewards, TickCounts, reward
@@ -286,7 +288,7 @@ class GameRunner:
             return None
         choices = np.zeros(self.batch.ghosts.shape, dtype=GHOST_CHOICE)
         for number, policy in self._policies.items():
-            chosen = np.asarray(policy.select(self.batch.situation(number)))
+            chosen = np.asarray(policy.select(situation_of(self.batch, number)))
             if chosen.shape != (self.batch.n,) or (chosen.dtype != GHOST_CHOICE and chosen.dtype.kind not in "iu"):
                 wanted, got = f"{self.batch.n} integers", f"{chosen.dtype} of shape {chosen.shape}"
                 raise ValueError(f"ghosts[{number}]: select must return {wanted}, got {got}")

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
+from ..sim.core.ticks import candidates_of
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
-from ..sim.observation.situation import candidates_of
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .base_env import BaseEnv
 from .guard import exclusive, shared

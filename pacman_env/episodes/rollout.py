@@ -24,6 +24,7 @@ from pacman_env.sim.core.ghost_state import GHOST_CHOICE, choices_of
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 
 BATCH = 64  # larger batches are not faster
 MOST_ROUNDS = 100  # rounds of an endless game; from the 96th on, Clyde has its highest speed
@@ -97,7 +98,7 @@ def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[Any
         return None
     sent = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
     for number, ghost in ghosts.items():
-        sent[:, number] = choices_of(choose(ghost, batch.situation(number)))
+        sent[:, number] = choices_of(choose(ghost, situation_of(batch, number)))
     return sent
 
 
@@ -131,7 +132,7 @@ def play_in(
         playing = np.flatnonzero(episode >= 0)
         if len(playing) == 0:
             break
-        situation = batch.situation()
+        situation = situation_of(batch)
         if timed and step % _TIMED_EVERY == 0:
             game = int(playing[step // _TIMED_EVERY % len(playing)])
             row = situation.rows(slice(game, game + 1))

@@ -32,6 +32,7 @@ from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 
 SPEED_UP = 4.0
 _SUFFIXES = (".mp4", ".gif", ".html")
@@ -91,7 +92,7 @@ class RecordedGame:
 
     def _decide(self, moment: Moment) -> None:
         batch = self._batch
-        situation = batch.situation()
+        situation = situation_of(batch)
         terms = self._policy.explain(situation)[0]  # before the choice, which changes the policy's state
         selected = choose(self._policy, situation)
         choice = int(allowed(situation, selected, batch.hold)[0])

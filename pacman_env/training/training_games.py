@@ -27,6 +27,7 @@ from pacman_env.policies.opponents import BehaviourOpponent
 from pacman_env.sb3 import Observation, PacManBotVecEnv
 from pacman_env.sim.maps.level_source import WIDE
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.training.checkpoint import Facts
 from pacman_env.training.lineups import (
     LEARNED,
@@ -301,7 +302,7 @@ class GhostGames(Games):
         return Step(self._observation(), rewards[:, 1].astype(np.float32) * self._scale, dones, endings)
 
     def _observation(self) -> Observation:
-        situation = self.env.batch.situation(0)
+        situation = situation_of(self.env.batch, 0)
         candidates, whole = planner_features(situation, self.env.config.robot.speed_mps)
         return {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
 

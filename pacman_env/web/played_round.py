@@ -22,6 +22,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, TO_CANDIDATE, TO_CELL
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, Pose, encode_all, thinned
 from pacman_env.web.game_interface import Refused
@@ -79,7 +80,7 @@ class PlayedRound:
         refuges = range(batch.pellet_slots, batch.pellet_slots + self.assets.refuges)
         self._numbers = np.array([*range(self.assets.pellets), *refuges, batch.hold])  # batch number by page number
         self.hold = len(self._numbers) - 1
-        self._situation = batch.situation()
+        self._situation = situation_of(batch)
         self.power_pellets = self.assets.power_pellets(config.power.pellets)[: self.assets.pellets]  # mask (P,)
         self.caught = CaughtGhosts(config.power.return_s, config.power.ghost_points)
         self.snapshots = [self._snapshot()]  # before the first tick and after each tick
@@ -104,7 +105,7 @@ class PlayedRound:
         """Move a ghost to its cell nearest to (x, y), m; only before the first tick."""
         self.batch.place_ghost(0, number, x, y)
         self.placed = True
-        self._situation = self.batch.situation()
+        self._situation = situation_of(self.batch)
         self.snapshots = [self._snapshot()]
 
     @property
@@ -185,7 +186,7 @@ class PlayedRound:
         self.choices.append([goal, *chosen])
         if self.baseline is not None:
             self.baseline.step(Orders())
-        self._situation = batch.situation()
+        self._situation = situation_of(batch)
         self.snapshots.append(self._snapshot())
 
     def _page_number(self, candidate: int) -> int:
@@ -199,7 +200,7 @@ class PlayedRound:
         choices = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
         for k, policy in self._ghosts.items():
             if k not in orders.ghosts:
-                choices[:, k] = TO_CANDIDATE, _choice(policy, batch.situation(k), batch.hold)
+                choices[:, k] = TO_CANDIDATE, _choice(policy, situation_of(batch, k), batch.hold)
         for k in self.ghost_roles:
             cell = orders.ghosts.get(k)
             if cell == FOLLOW:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.envs.adapters import CASES, episodes, made, play
 from tests.envs.cases import AXES, PAIRWISE, RANGES
 from tests.envs.helpers import arrays, same
@@ -57,7 +58,7 @@ class TestEveryEnvironment:
         returned: list[Any] = [
             adapter.reset(seed=3),
             *play(adapter, 20, seed=1),
-            adapter.core.batch.situation().arrays(),
+            situation_of(adapter.core.batch).arrays(),
         ]
         returned += [adapter.masks()]
         kept = copy.deepcopy(returned)

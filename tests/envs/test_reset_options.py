@@ -18,6 +18,7 @@ from pacman_env.envs.resets import ResetOptions
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.envs.adapters import Parallel, ParallelVec, Sb3, Single, Turns, Vector
 from tests.envs.helpers import same
 
@@ -112,7 +113,7 @@ def test_wrong_reset_is_refused_and_changes_nothing(makes: Any, arguments: dict[
         with pytest.raises((ValueError, gym.error.Error), match=message):
             env.reset(**arguments)
         assert env.config == untouched.config
-        assert same(env.batch.situation().arrays(), untouched.batch.situation().arrays())
+        assert same(situation_of(env.batch).arrays(), situation_of(untouched.batch).arrays())
         assert same(env.reset(), untouched.reset())
 
 

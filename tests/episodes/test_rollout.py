@@ -11,6 +11,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 
 
@@ -57,7 +58,7 @@ def test_record_is_that_of_a_game_by_hand(config: Config, when: str) -> None:
     policy.reset(np.ones(1, np.bool_), config)
     steps = 0
     while batch.games["end"][0] == RUNNING:
-        batch.step(policy.select(batch.situation()))
+        batch.step(policy.select(situation_of(batch)))
         steps += round(batch.elapsed_s[0] / config.physics_step_s)
     played_alone, _ = play(map_assets("house", config), config, "nearest", episode_seeds(5, 1))
     record, game = played_alone[0], batch.games[0]
@@ -97,7 +98,7 @@ def test_forbidden_choice_becomes_hold() -> None:
     batch.reset(np.arange(5), np.arange(5, dtype=np.uint64))
     batch.alive[0, 2] = False
     choices = np.array([2, 2, batch.candidates, -1, batch.hold])
-    taken = allowed(batch.situation(), choices, batch.hold)
+    taken = allowed(situation_of(batch), choices, batch.hold)
     assert taken.tolist() == [batch.hold, 2, batch.hold, batch.hold, batch.hold]
 
 

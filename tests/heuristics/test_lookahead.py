@@ -13,11 +13,12 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.prediction import CAUGHT, encounters
 from pacman_env.sim.observation.situation import PELLET
+from pacman_env.sim.observation.situation_writer import situation_of
 
 
 def test_robot_speed_defaults_to_the_games() -> None:
     batch, fast = started(1), make_config(**{"robot.speed_mps": 0.3})
-    situation, policy = batch.situation(), Lookahead()
+    situation, policy = situation_of(batch), Lookahead()
     policy.reset(np.ones(1, np.bool_), fast)
     np.testing.assert_array_equal(policy.scores(situation), Lookahead(robot_speed_mps=0.3).scores(situation))
     assert not np.array_equal(policy.scores(situation), Lookahead().scores(situation))
@@ -31,7 +32,7 @@ def started(n: int = 20, name: str = "loop", clyde_mps: float = 0.25) -> GameBat
 
 
 def test_nearest_pellet_is_goal_without_danger() -> None:
-    situation = started().situation()
+    situation = situation_of(started())
     calm = replace(situation, clyde_speed=np.zeros(20), clyde=np.full((20, 2), 1e3))
     nearest = np.where(situation.kind == PELLET, situation.path_robot, np.inf).argmin(axis=1)
     np.testing.assert_array_equal(Lookahead().select(calm), nearest)
@@ -43,8 +44,8 @@ def test_nearest_pellet_is_goal_without_danger() -> None:
 def test_lookahead_waits_when_every_pellet_is_deadly() -> None:
     batch, brave = started(60, "house", 0.5), Lookahead(caught_soon_s=0.0, caught_s=0.0, approached_s=0.0)
     for _ in range(40):
-        batch.step(brave.select(batch.situation()))
-    situation = batch.situation()
+        batch.step(brave.select(situation_of(batch)))
+    situation = situation_of(batch)
     caught = encounters(situation, 0.256)[:, :, CAUGHT]
     pellets = situation.kind == PELLET
     deadly = replace(situation, mask=situation.mask & (~pellets | (caught > 0.5)))
@@ -56,7 +57,7 @@ def test_lookahead_waits_when_every_pellet_is_deadly() -> None:
 
 
 def test_pursued_goal_is_kept_within_the_margin() -> None:
-    situation = started().situation()
+    situation = situation_of(started())
     scores = Lookahead(keep_s=0.0).scores(situation)
     second = np.argsort(scores, axis=1)[:, -2]
     gap = np.sort(scores, axis=1)[:, -1] - np.sort(scores, axis=1)[:, -2]

@@ -16,6 +16,7 @@ from pacman_env.render.frames import MapView, map_view, render_frame
 from pacman_env.render.palette import LIGHT, THEMES, Colour, Theme
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapSource, map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 from tests.sim.players import new_batch
 
@@ -181,7 +182,7 @@ def test_plan_leads_from_robot_to_goal() -> None:
     batch = games()
     assert len(near(render_frame(batch, 0), LIGHT.plan)) == 0
     pellets = batch.assets.pellets
-    goal = int(batch.situation().path_robot[0, :pellets].argmax())
+    goal = int(situation_of(batch).path_robot[0, :pellets].argmax())
     for _ in range(4):
         batch.step(np.array([goal]))
     assert batch.games[0]["nav_points"] > 0

@@ -9,6 +9,7 @@ from pacman_env.game.ends import RUNNING
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level_source import GeneratedMaps
+from pacman_env.sim.observation.situation_writer import situation_of
 
 
 def new_batch(config: Config, n: int = 1, source: Any = "house", first_seed: int = 0, levels: int = 4) -> GameBatch:
@@ -36,7 +37,7 @@ def everything(batch: GameBatch, game: int) -> dict[str, bytes]:
     found |= {f"ghosts.{name}": batch.ghosts[name][game].tobytes() for name in batch.ghosts.dtype.names or ()}
     seats = [-1, *range(batch.ghosts.shape[1] if "policy" in batch.config.clyde.ghosts else 0)]
     for seat in seats:
-        row = batch.situation(seat).rows(np.array([game]))
+        row = situation_of(batch, seat).rows(np.array([game]))
         seen = {name: value for name, value in vars(row).items() if name not in ("maps", "threads", "level")}
         found |= {f"seen{seat}.{name}": value.tobytes() for name, value in seen.items()}
     results = ("reward", "elapsed_s", "terminated", "truncated", "alive", "paths", "completed_s", "obstacles")
@@ -66,7 +67,7 @@ class Players:
         over = np.flatnonzero(self.batch.games["end"] != RUNNING)
         if len(over):
             self.begin(over)
-        mask = self.batch.situation().mask
+        mask = situation_of(self.batch).mask
         velocity = self.batch.config.action == "velocity"
         for i, rng in enumerate(self.rngs):
             if rng.random() < 0.1 or (not velocity and not mask[i, int(self.chosen[i])]):

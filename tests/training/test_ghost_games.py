@@ -12,6 +12,7 @@ import pacman_env
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.observation.planner_features import planner_features
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.training.training_games import CLYDE, GhostGames, game_settings, make_ghost_parts
 from tests.training.test_run_arguments import tiny
 
@@ -48,7 +49,7 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
         assert len(endings) == dones.sum()
         left = iter(endings)
         for i, (twin, robot) in enumerate(zip(twins, robots, strict=True)):
-            goal = robot.select(twin.batch.situation())[0]
+            goal = robot.select(situation_of(twin.batch))[0]
             _, reward, _, _, info = twin.step({PACMAN: goal, CLYDE: choices[i]})
             assert rewards[i] == np.float32(-SCALE * reward[PACMAN])
             assert dones[i] == (not twin.agents)
@@ -56,10 +57,10 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
                 assert next(left).outcome == info[CLYDE]["outcome"]
                 ends += 1
                 twin.reset()
-            seen = planner_features(twin.batch.situation(0), twin.config.robot.speed_mps)
+            seen = planner_features(situation_of(twin.batch, 0), twin.config.robot.speed_mps)
             np.testing.assert_array_equal(observations["planner_candidates"][i], seen[0][0])
             np.testing.assert_array_equal(observations["planner_globals"][i], seen[1][0])
-            np.testing.assert_array_equal(observations["action_mask"][i], twin.batch.situation(0).mask[0])
+            np.testing.assert_array_equal(observations["action_mask"][i], situation_of(twin.batch, 0).mask[0])
     assert ends >= 2 * GAMES
 
 

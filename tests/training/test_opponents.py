@@ -15,6 +15,7 @@ from pacman_env.executors.executor import InProcess
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
@@ -72,11 +73,11 @@ class Named(BasePolicy):
 def test_opponent_of_game_depends_on_seed_alone() -> None:
     pool = Opponents([Named(k) for k in range(4)], [1, 2, 3, 4])
     played = game(BehaviourOpponent("wander"))
-    before = pool.select(played.batch.situation(0))
+    before = pool.select(situation_of(played.batch, 0))
     np.testing.assert_array_equal(before["value"], pool.drawn(played.batch.games["seed"]))
     assert len(set(before.tolist())) == 4
     hold(played, 20)
-    seen = played.batch.situation(0)
+    seen = situation_of(played.batch, 0)
     np.testing.assert_array_equal(pool.select(seen), before)
     order = np.random.default_rng(1).permutation(GAMES)
     np.testing.assert_array_equal(pool.select(seen.rows(order)), before[order])

@@ -23,6 +23,7 @@ from pacman_env.sim.coarse.model import MOST_PELLETS, NOWHERE, Behaviours, Lags,
 from pacman_env.sim.coarse.start import start
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 
 SEARCH = SearchParameters()
 
@@ -100,7 +101,7 @@ def bound(graph: Graph, assets: MapAssets, config: Config, seeds: NDArray[np.uin
     """Return the bounds of the starts with these seeds (N,) against chasers, and the estimate for a search width."""
     batch = GameBatch(assets, config, len(seeds))
     batch.reset(np.arange(len(seeds)), seeds)
-    starts = batch.situation()  # drawn as in the game
+    starts = situation_of(batch)  # drawn as in the game
     home, *pellets = blocks_at(assets, graph.robot_at, np.vstack([assets.grid.home[:2], assets.goal_xy]))
     least = least_collection_s(graph, [home, *pellets[: assets.pellets]], config)
     step = pace(graph, config.robot.speed_mps, config.clyde.speed_mps)

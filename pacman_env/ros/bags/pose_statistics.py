@@ -13,6 +13,7 @@ from pacman_env.game.ends import RUNNING
 from pacman_env.policies.base import Policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.localization import Pose, compose, relative
 
 DRIVING_MPS = 0.05  # a slower robot stands
@@ -102,7 +103,7 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
         choice: NDArray[np.int64] = np.array([batch.hold])
         for tick in range(round(MOST_S / _PERIOD_S)):
             if tick % decide_every == 0 and last.due(moment := batch.moment(0)):
-                choice = policy.select(batch.situation())
+                choice = policy.select(situation_of(batch))
                 last.decide(HOLD if choice[0] == batch.hold else int(choice[0]), moment)
             batch.step(choice)
             if game["end"] != RUNNING:

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...engine.arrays import Table
+from ...engine.arrays import Table, zeros
 from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
+from ...game.decisions import Moment
 from ...game.ends import COMPLETE
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import Contacts
 from ...world.navigation.planner import detour_memory
 from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
-from ..observation import situation_kernel
-from ..observation.situation import Situation
 from . import kernels, ticks
-from .ghost_state import spawn_ghost
+from .game_levels import GameLevels
+from .ghost_state import Ghosts, spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,
@@ -32,17 +32,27 @@ from .parameters import (
     next_seeds,
     reward_record,
 )
-from .state import GameLevels, GameState
 
 ALL_TICKS = 2**62
+_OWN_RULES = "games", "alive", "waits", "aborts"  # fields of ``kernels.RuleArrays`` with a row for each game
 
 
-class GameBatch(GameState):
+class GameBatch:
     """N games under one configuration, on one shared map or on a separate map for each game.
 
     Arrays have one row per game, (N, ...); indices, seeds and levels of selected games have shape (M,). Candidates are
     ``pellet_slots`` pellets, ``refuge_slots`` refuges and hold, in this order; slots that the map does not use are
     padding.
+
+    Attributes:
+        rules: arrays by name, declared in :class:`kernels.RuleArrays`.
+        arrays: arrays by name, declared in :class:`ticks.TickArrays`.
+        games: (N,) records of type ``GAME``.
+        alive: (N, P) bool, the remaining pellets.
+        paths: (N, L, 2) m, the plans that the robots follow.
+        reward: (N,) since the last decision; with ``terminated``, ``truncated`` (N,) bool and ``elapsed_s`` (N,).
+        completed_s: (N,) duration in s of a round that was completed in the last step of an endless game, else 0.
+        summary: (len(SUMMARY), N) int64, written with each situation (``kernels.SUMMARY``).
     """
 
     def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1) -> None:
@@ -55,13 +65,31 @@ class GameBatch(GameState):
         slots = most.pellets if config.max_pellets is None else config.max_pellets
         if slots < source.first.pellets:
             raise ConfigError(f"max_pellets = {slots}: the map has {source.first.pellets} pellets")
-        super().__init__(n, config, slots, most.refuges)
+        self.n, self.config = n, config
+        self.pellet_slots, self.refuge_slots = slots, most.refuges
+        self.hold = slots + most.refuges
+        self.candidates = self.hold + 1
         self.threads = Threads(num_threads)
         if self.threads.number > n:  # more threads would only idle, and each needs scratch memory
             self.threads = Threads(n)
         self._levels = GameLevels(source, config, n, self.threads)
         self.levels = self._levels.levels
-        self._parameters = batch_parameters(config, source.first.grid.resolution, self.pellet_slots, self.refuge_slots)
+        self._make_arrays()
+
+    def _make_arrays(self) -> None:
+        n, config = self.n, self.config
+        self._ghosts = Ghosts(n, config)
+        self._ghosts.bind(self.levels, self.hold)
+        self.rules = zeros(kernels.RuleArrays, _OWN_RULES, N=n, P=self.pellet_slots, C=self.candidates)
+        self.games, self.alive = self.rules["games"], self.rules["alive"]
+        results = "reward", "elapsed_s", "terminated", "truncated"
+        self.arrays = zeros(ticks.TickArrays, ("last_decision", "paths", "choices", "velocities", *results), N=n)
+        self.paths = self.arrays["paths"]
+        self.reward, self.elapsed_s, self.terminated, self.truncated = (self.arrays[name] for name in results)
+        self.completed_s = np.zeros(n)
+        self.summary = np.zeros((len(kernels.SUMMARY), n), dtype=np.int64)
+        resolution = self.source.first.grid.resolution
+        self._parameters = batch_parameters(config, resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
         self._controls = np.zeros(1, dtype=ticks.CONTROL)
         #: A view (1,) of each field: writes through the record are slow, which a step of a single game shows.
@@ -69,10 +97,34 @@ class GameBatch(GameState):
         self._tables: list[Table] = []  # a table for each thread, and what it refers to by address
         self._kept: list[tuple[Table, Contacts]] = []
         self._ticks = self.arrays["last_decision"]["ticks"]
-        self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
-        self._rules = kernels.RuleArrays(**self.rules, **shared)
-        self._view: Stage | None = None  # writes the requested situations
+        self.rule_arrays = kernels.RuleArrays(**self.rules, **shared)
+
+    @property
+    def ghosts(self) -> NDArray[Any]:
+        """Records (N, G) of type ``GHOST``."""
+        return self._ghosts.state
+
+    @property
+    def ghost_paths(self) -> NDArray[np.int32]:
+        """Cells (N, G, L) of each ghost's path."""
+        return self._ghosts.paths
+
+    @property
+    def obstacles(self) -> NDArray[np.float64]:
+        """Observed positions (m) and times of the ghosts (N, G, 5), see ``kernels.RuleArrays``."""
+        return self._ghosts.obstacles
+
+    @property
+    def bodies(self) -> NDArray[np.float64]:
+        """Positions (m) and velocities (m/s) of the robots' bodies (N, 4) after the last physics step."""
+        return np.stack([self.games[name] for name in ("body_x", "body_y", "body_vx", "body_vy")], axis=1)
+
+    def moment(self, game: int) -> Moment:
+        """Return the present moment of a game for :class:`~pacman_env.game.decisions.LastDecision`."""
+        g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
+        news = int(g["round"]), int(g["collected"]), int(g["caught"])
+        return Moment(time_s, int(g["pursued"]), news, float(g["distance"]))
 
     @property
     def assets(self) -> MapAssets:
@@ -280,31 +332,6 @@ class GameBatch(GameState):
         kernels.see_ghosts(self.games[game], self.ghosts[game], self.obstacles[game])
         return float(cells[cell, 0]), float(cells[cell, 1])
 
-    def situation(self, player: int = -1) -> Situation:
-        """Return the current situation of the robot's policy, or of the policy of ghost ``player``, in new arrays."""
-        situation = Situation.empty(self.n, self.candidates, self.ghosts.shape[1], self.levels, self.threads)
-        if self._view is None:
-            self._view = situation_stage(self, situation, player)
-        write, tables = self._view
-        situation_kernel.direct(tables[0].arrays["request"], situation, player)
-        self.threads.run(write, tables, self.n)
-        return situation
-
-
-def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) -> Stage:
-    """Return the stage that writes the situation of the robot (or of ghost ``player``) and ``batch.summary``."""
-    request = np.zeros(1, dtype=situation_kernel.REQUEST)
-    situation_kernel.direct(request, situation, player)
-    table = Table(
-        situation_kernel.ViewArrays,
-        rules=batch._rules,
-        ghosts=batch.ghosts,
-        ghost_paths=batch.ghost_paths,
-        request=request,
-        summary=batch.summary,
-    )
-    return situation_kernel.write_situations, [table]
-
 
 def choice_stage(
     batch: GameBatch, actions: NDArray[np.int64], mask: NDArray[np.bool_], listed: NDArray[np.int64]
@@ -323,7 +350,7 @@ def _tick_table(batch: GameBatch, ghosts: Table, contacts: Contacts) -> Table:
     search = detour_memory(sizes.cells, sizes.longest_cm, batch.source.first.grid.resolution)
     return Table(
         ticks.TickArrays,
-        rules=batch._rules,
+        rules=batch.rule_arrays,
         search=SearchArrays(*search),
         ghosts=ghosts.numbers,
         solver=contacts.solver,

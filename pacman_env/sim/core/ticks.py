@@ -19,7 +19,6 @@ from ...world.navigation.physics import SOLVER
 from ...world.navigation.physics import move as move_body
 from ...world.navigation.planner import PATH_POINTS
 from ..maps.level import level_arrays
-from ..observation.situation import candidate_of
 from . import ghost_state, kernels
 from .parameters import LAST_DECISION, REWARDS
 
@@ -61,6 +60,28 @@ class ChoiceArrays(NamedTuple):
 
 
 tick_arrays, _choice_arrays = arrays_by_address(TickArrays), arrays_by_address(ChoiceArrays)
+
+
+@kernel
+def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
+    """Return the candidate that an action means (``hold`` if none), and True if the action is allowed.
+
+    ``listed`` (K,) are the candidates of the actions; with K = 0 actions are candidates, which ``mask`` (C,) allows.
+    """
+    if len(listed) == 0:
+        return action, mask[action]
+    candidate = listed[action]
+    return (candidate, True) if candidate >= 0 else (hold, False)
+
+
+@kernel
+def candidates_of(actions, mask, listed, hold):  # type: ignore[no-untyped-def]
+    """Return :func:`candidate_of` for each game: candidates (N,) and a mask (N,) of the forbidden actions."""
+    chosen, forbidden = np.empty(len(actions), np.int64), np.empty(len(actions), np.bool_)
+    for i in range(len(actions)):
+        chosen[i], allowed = candidate_of(actions[i], mask[i], listed[i], hold)
+        forbidden[i] = not allowed
+    return chosen, forbidden
 
 
 @table_kernel

@@ -13,11 +13,13 @@ from ...config import ConfigError, ObservationConfig, located
 from ...engine.arrays import Table, address
 from ...engine.pipeline import Pipeline, Stage
 from ...plugins import PluginError
-from ..core.batch import GameBatch, situation_stage
+from ..core.batch import GameBatch
+from ..core.ticks import candidates_of
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
 from .learner_layout import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
 from .robot_features import Observation, unit_scale
-from .situation import MISSING, NearestCounts, Situation, candidates_of
+from .situation import MISSING, NearestCounts, Situation
+from .situation_writer import situation_stage
 
 
 class Observer:

@@ -241,25 +241,3 @@ def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignor
             listed |= order[first + k] == now
         if not listed and room > 0:
             order[first + room - 1] = now
-
-
-@kernel
-def candidate_of(action, mask, listed, hold):  # type: ignore[no-untyped-def]
-    """Return the candidate that an action means (``hold`` if none), and True if the action is allowed.
-
-    ``listed`` (K,) are the candidates of the actions; with K = 0 actions are candidates, which ``mask`` (C,) allows.
-    """
-    if len(listed) == 0:
-        return action, mask[action]
-    candidate = listed[action]
-    return (candidate, True) if candidate >= 0 else (hold, False)
-
-
-@kernel
-def candidates_of(actions, mask, listed, hold):  # type: ignore[no-untyped-def]
-    """Return :func:`candidate_of` for each game: candidates (N,) and a mask (N,) of the forbidden actions."""
-    chosen, forbidden = np.empty(len(actions), np.int64), np.empty(len(actions), np.bool_)
-    for i in range(len(actions)):
-        chosen[i], allowed = candidate_of(actions[i], mask[i], listed[i], hold)
-        forbidden[i] = not allowed
-    return chosen, forbidden

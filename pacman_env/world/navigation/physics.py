@@ -35,7 +35,7 @@ _CALLED = (
 )
 HANDLES = np.dtype(
     [
-        *((name, np.int64) for name in ("space", "body", "given", "given_count", "taken", "taken_count")),
+        *((name, np.int64) for name in ("space", "body", "circle", "given", "given_count", "taken", "taken_count")),
         ("step_s", np.float64),  # length of a step
     ]
 )
@@ -70,7 +70,8 @@ def move(g, level, p, solver):  # type: ignore[no-untyped-def]
     """Move the body of robot ``g`` by one physics step under its force.
 
     ``level`` has ``affine`` (6,), which maps m to cells, ``clear`` (H, W), which is True for cells in which the robot
-    touches no wall, and ``walls`` (S, 4), m. ``p`` has ``dt``, ``per_mass`` and ``radius_m``; ``solver`` is a ``SOLVER``.
+    touches no wall, and ``walls`` (S, 4), m. ``p`` has ``dt``, ``per_mass`` and ``radius_m``, and ``solver`` is a
+    ``SOLVER``.
     """
     # Chipmunk's cpBodyUpdatePosition and cpBodyUpdateVelocity without damping, gravity and contacts.
     x, y = g.body_x + g.body_vx * p.dt, g.body_y + g.body_vy * p.dt
@@ -95,28 +96,39 @@ def _contact_step(table, touched, unused):  # type: ignore[no-untyped-def]
     """Move the body in ``given`` by one step among the first ``touched`` walls, and write it to ``taken``; return 0."""
     a = _arrays(table)
     handles, calls = a.handles[0], a.calls
+    _give(handles, calls)
+    # Chipmunk's order of contacts depends on where its shapes were before, so all are added for this step only.
+    call_pair(calls[_ADD], handles.space, handles.circle)
     for k in range(touched):
         call_segment(calls[_SET_ENDS], a.segments[k], a.walls[k, 0], a.walls[k, 1], a.walls[k, 2], a.walls[k, 3])
         call_pair(calls[_ADD], handles.space, a.segments[k])
-    _step(a.handles[0], a.calls)
+    call_step(calls[_STEP], handles.space, handles.step_s)
     for k in range(touched):  # this also removes the contacts
         call_pair(calls[_REMOVE], handles.space, a.segments[k])
+    call_pair(calls[_REMOVE], handles.space, handles.circle)
+    _take(handles, calls)
     # Chipmunk corrects an overlap at the start of the next step, which this one is for a body at rest.
     vx, vy = a.taken[2], a.taken[3]
     a.given[0], a.given[1] = a.taken[0], a.taken[1]
     for k in range(2, 6):
         a.given[k] = 0.0
-    _step(a.handles[0], a.calls)
+    _give(handles, calls)
+    call_step(calls[_STEP], handles.space, handles.step_s)
+    _take(handles, calls)
     a.taken[2], a.taken[3] = vx, vy
     return 0
 
 
 @kernel
-def _step(handles, calls):  # type: ignore[no-untyped-def]
-    """Copy ``given`` to Chipmunk's body, step the space and copy the body to ``taken``."""
+def _give(handles, calls):  # type: ignore[no-untyped-def]
+    """Copy ``given`` to Chipmunk's body."""
     store_int(handles.given_count, 0)
     call_pair(calls[_GIVE], handles.body, handles.given)
-    call_step(calls[_STEP], handles.space, handles.step_s)
+
+
+@kernel
+def _take(handles, calls):  # type: ignore[no-untyped-def]
+    """Copy Chipmunk's body to ``taken``."""
     store_int(handles.taken_count, 0)
     call_pair(calls[_TAKE], handles.body, handles.taken)
 
@@ -131,11 +143,11 @@ class Contacts:
         space = lib.cpSpaceNew()
         lib.cpSpaceSetCollisionSlop(space, _COLLISION_SLOP_M)
         body = lib.cpSpaceAddBody(space, lib.cpBodyNew(mass_kg, float("inf")))
-        shapes = [lib.cpSpaceAddShape(space, lib.cpCircleShapeNew(body, radius_m, (0.0, 0.0)))]
+        circle = lib.cpCircleShapeNew(body, radius_m, (0.0, 0.0))
         still = lib.cpSpaceGetStaticBody(space)
         segments = [lib.cpSegmentShapeNew(still, (0.0, 0.0), (1.0, 0.0), 0.0) for _ in range(_MOST_TOUCHED)]
         # Chipmunk's objects are not those of pymunk, whose destructors raise errors at interpreter exit.
-        weakref.finalize(self, _free, space, body, [*shapes, *segments]).atexit = False
+        weakref.finalize(self, _free, space, body, [circle, *segments]).atexit = False
         self._table = Table(
             ContactArrays,
             walls=np.zeros((_MOST_TOUCHED, 4)),
@@ -148,7 +160,7 @@ class Contacts:
         self._kept: list[Any] = []  # objects that Chipmunk refers to by address
         give = self._batched(_PLACE | BodyFields.FORCE, "given")
         take = self._batched(_PLACE, "taken")
-        self._table.arrays["handles"][0] = (_address(space), _address(body), *give, *take, step_s)
+        self._table.arrays["handles"][0] = (*map(_address, (space, body, circle)), *give, *take, step_s)
         self.solver = np.array([(address_of_kernel(_contact_step), self._table.address)], dtype=SOLVER)
 
     def _batched(self, fields: BodyFields, name: str) -> tuple[int, int]:

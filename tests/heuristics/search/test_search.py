@@ -19,8 +19,9 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import HOLD
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.policies.contract import PolicyContract
-from tests.sim.coarse.games import config_of, situation_of
+from tests.sim.coarse.games import config_of, first_situation
 
 
 class TestSearchAgainstAChaser(PolicyContract):
@@ -39,7 +40,7 @@ def policy_for(*ghosts: str, **parameters: Any) -> Search:
 @pytest.mark.parametrize("ghosts", [("wander", "wander"), ("policy",)])
 def test_search_is_its_base_without_predictable_ghosts(ghosts: tuple[str, ...]) -> None:
     config = config_of(*ghosts)
-    situation = situation_of(config, 4)
+    situation = first_situation(config, 4)
     for name in ("ppo", "nearest"):
         base = make_policy(name)
         search = Search(base=name)
@@ -50,13 +51,13 @@ def test_search_is_its_base_without_predictable_ghosts(ghosts: tuple[str, ...]) 
 
 
 def test_search_uses_one_predictable_ghost() -> None:
-    situation = situation_of(config_of("wander", "chase"))
+    situation = first_situation(config_of("wander", "chase"))
     scores = policy_for("wander", "chase").scores(situation)
     assert not np.array_equal(scores, make_policy("ppo").scores(situation))
 
 
 def test_search_leaves_out_harmless_ghosts() -> None:
-    one, two = situation_of(config_of("chase")), situation_of(config_of("chase", "chase"))
+    one, two = first_situation(config_of("chase")), first_situation(config_of("chase", "chase"))
     harmless = replace(two, fright=np.array([[[0.0, 0.0, 0.0], [9.0, 0.0, 1.0]]]))
     policy = policy_for("chase", "chase")
     np.testing.assert_array_equal(policy.scores(harmless), policy_for("chase").scores(one))
@@ -70,7 +71,7 @@ def test_search_leaves_out_harmless_ghosts() -> None:
     ("believed", "searched"), [("chase", True), ("arcade", True), ("wander", False), ("other", False)]
 )
 def test_belief_decides_whether_to_search(believed: str, searched: bool) -> None:
-    situation = situation_of(config_of("policy"))
+    situation = first_situation(config_of("policy"))
     belief = np.zeros_like(situation.belief)
     belief[0, 0, BELIEVED.index(believed)] = 1.0
     situation = replace(situation, belief=belief)
@@ -79,7 +80,7 @@ def test_belief_decides_whether_to_search(believed: str, searched: bool) -> None
 
 
 def test_seed_decides_the_futures() -> None:
-    situation = situation_of(config_of("wander", "chase"))
+    situation = first_situation(config_of("wander", "chase"))
     first, again, other = (policy_for("wander", "chase", seed=seed).scores(situation) for seed in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -91,12 +92,12 @@ def test_seed_decides_the_futures() -> None:
 )
 def test_budget_limits_the_segments_played(ghosts: tuple[str, ...], samples: int, nodes: int) -> None:
     policy = policy_for(*ghosts, nodes=nodes, samples=samples)
-    policy.scores(situation_of(config_of(*ghosts)))
+    policy.scores(first_situation(config_of(*ghosts)))
     assert nodes / 4 < policy.played <= nodes
 
 
 def test_more_time_widens_the_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    situation = situation_of(config_of("chase"))
+    situation = first_situation(config_of("chase"))
     played = []
     for milliseconds in (1.0, 8.0):
         clock = itertools.count(0.0, 1e-3)  # a search takes a millisecond, however wide it is
@@ -119,7 +120,7 @@ def test_reached_refuge_has_no_bonus() -> None:
     config = config_of("chase")
     batch = GameBatch(map_assets("house", config), config, 1)
     batch.reset(np.array([0]), np.array([0], dtype=np.uint64))
-    situation = batch.situation()  # the first refuge is the home pose, where the robot stands
+    situation = situation_of(batch)  # the first refuge is the home pose, where the robot stands
     assert situation.current[0] == -1
     plain, keeping = (policy_for("chase", keep_worth=worth).scores(situation) for worth in (0.0, 50.0))
     np.testing.assert_array_equal(plain, keeping)
@@ -129,9 +130,9 @@ def test_pursued_goal_has_a_bonus() -> None:
     config = config_of("chase")
     batch = GameBatch(map_assets("house", config), config, 1)
     batch.reset(np.array([0]), np.array([0], dtype=np.uint64))
-    batch.step(batch.situation().path_robot.argmin(axis=1))
+    batch.step(situation_of(batch).path_robot.argmin(axis=1))
     batch.step(np.array([2]))
-    situation = batch.situation()
+    situation = situation_of(batch)
     current = situation.current[0]
     assert current >= 0
     plain, keeping = (policy_for("chase", keep_worth=worth).scores(situation)[0] for worth in (0.0, 50.0))
@@ -142,7 +143,7 @@ def test_pursued_goal_has_a_bonus() -> None:
 
 
 def test_holding_always_has_a_score() -> None:
-    situation = situation_of(config_of("chase"), 3)
+    situation = first_situation(config_of("chase"), 3)
     scores = policy_for("chase").scores(situation)
     assert np.isfinite(scores[situation.kind == HOLD]).all()
 

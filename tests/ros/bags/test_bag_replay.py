@@ -26,6 +26,7 @@ from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statis
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.ros.bags.recorded import record_round, replay, said, without, words_bag
 
 
@@ -151,7 +152,7 @@ def test_chosen_candidate_is_read_from_markers() -> None:
     config = make_config()
     batch = GameBatch(map_assets("house", config), config)
     batch.reset(np.array([0]), np.array([3], dtype=np.uint64))
-    situation = batch.situation()
+    situation = situation_of(batch)
     scores = make_policy("lookahead").scores(situation)
     finite = np.flatnonzero(np.isfinite(scores[0]))
     for chosen in (*finite[:3].tolist(), batch.hold):

@@ -14,6 +14,7 @@ from pacman_env.sim.coarse.coarse_map import CoarseArrays
 from pacman_env.sim.coarse.model import Behaviours, Lags
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.sim.players import new_batch
 
 
@@ -21,9 +22,9 @@ def config_of(*ghosts: str, **changes: Any) -> Config:
     return make_config("robot_0_15", **{"clyde.ghosts": ghosts or ("chase",), **changes})
 
 
-def situation_of(config: Config, games: int = 1, source: str = "house", seed: int = 0) -> Situation:
+def first_situation(config: Config, games: int = 1, source: str = "house", seed: int = 0) -> Situation:
     """The situations at the beginning of rounds."""
-    return new_batch(config, games, source, first_seed=seed).situation()
+    return situation_of(new_batch(config, games, source, first_seed=seed))
 
 
 def started(

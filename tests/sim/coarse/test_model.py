@@ -14,7 +14,7 @@ from pacman_env.sim.coarse import model
 from pacman_env.sim.coarse.model import NOWHERE, Lags, choose, lead_m, play, step
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures
 from pacman_env.world.navigation.controller import start_s
-from tests.sim.coarse.games import at_once, config_of, lengths_of, situation_of, slowly, started
+from tests.sim.coarse.games import at_once, config_of, first_situation, lengths_of, slowly, started
 
 
 @kernel
@@ -48,7 +48,7 @@ def steps(game: CoarseStart, count: int) -> np.ndarray:
 
 def test_chaser_reaches_a_standing_robot() -> None:
     config = config_of("chase")
-    situation = situation_of(config, 4)
+    situation = first_situation(config, 4)
     for i in range(4):
         game, _kept = started(config, situation, i)
         lead = _lead(game.robot, game.ghosts, game.model.map)
@@ -60,7 +60,7 @@ def test_chaser_reaches_a_standing_robot() -> None:
 
 def test_chaser_keeps_its_speed() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.4})
-    game, _kept = started(config, situation_of(config))
+    game, _kept = started(config, first_situation(config))
     path = steps(game, 20)[:, 2:]
     moved = np.hypot(*np.diff(path, axis=0).T)
     assert (moved <= 0.4 * Lags().step_s + 1e-9).all()
@@ -69,7 +69,7 @@ def test_chaser_keeps_its_speed() -> None:
 
 def test_arcade_ghost_turns_away_when_near() -> None:
     config = config_of("arcade")
-    game, _kept = started(config, situation_of(config))
+    game, _kept = started(config, first_situation(config))
     path = steps(game, 200)
     apart = np.hypot(*(path[:, :2] - path[:, 2:]).T)
     assert not game.robot["dead"][0]
@@ -78,10 +78,10 @@ def test_arcade_ghost_turns_away_when_near() -> None:
 
 def test_each_ghost_has_its_own_behaviour() -> None:
     config = config_of("wander", "chase", "arcade")
-    game, _kept = started(config, situation_of(config))
+    game, _kept = started(config, first_situation(config))
     alone = []
     for k, behaviour in enumerate(config.clyde.ghosts):
-        other = situation_of(config)
+        other = first_situation(config)
         single = config_of(behaviour)
         own = {name: np.ascontiguousarray(getattr(other, name)[:, k : k + 1]) for name in ("ghosts", "fright")}
         one, _its = started(single, replace(other, **own))
@@ -98,7 +98,7 @@ def test_function_of_a_plugin_ghost_is_called() -> None:
         return parameters[0], parameters[1]
 
     config = config_of("chase")
-    situation = situation_of(config)
+    situation = first_situation(config)
     x, y = situation.ghosts[0, 0, :2] + (1.0, 0.0)
     game, _kept = started(config, situation, behaviours=[Behaviour("flee", flee, (float(x), float(y)))])
     path = steps(game, 40)
@@ -109,7 +109,7 @@ def test_function_of_a_plugin_ghost_is_called() -> None:
 
 def test_wanderers_depend_on_seed_and_future_number() -> None:
     config = config_of("wander")
-    situation = situation_of(config)
+    situation = first_situation(config)
 
     def way(seed: int, number: int) -> np.ndarray:
         game, _kept = started(config, situation)
@@ -123,7 +123,7 @@ def test_wanderers_depend_on_seed_and_future_number() -> None:
 
 def test_drive_takes_path_over_speed_plus_lags() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0, "execution.death_radius_m": 1e-6})
-    situation = situation_of(config)
+    situation = first_situation(config)
     lags = Lags()
     for candidate in np.flatnonzero(situation.mask[0] & (situation.goal[0] >= 0)):
         game, _kept = started(config, situation)
@@ -141,7 +141,7 @@ def test_drive_takes_path_over_speed_plus_lags() -> None:
 
 def test_pellets_on_the_path_are_collected() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0})
-    situation = situation_of(config)
+    situation = first_situation(config)
     far = int(np.where(situation.kind[0] == 0, situation.path_robot[0], -1.0).argmax())
     game, _kept = started(config, situation)
     game.model.rules["death_m"] = 0.0
@@ -158,7 +158,7 @@ def test_pellets_on_the_path_are_collected() -> None:
 
 def test_switched_robot_follows_the_old_path_briefly() -> None:
     config = config_of("chase", **{"clyde.speed_mps": 0.0})
-    situation = situation_of(config)
+    situation = first_situation(config)
     order = np.argsort(np.where(situation.kind[0] == 0, situation.path_robot[0], np.inf))
     near, other = situation.goal[0, order[1]], situation.goal[0, order[2]]
     kept, _a = started(config, situation)
@@ -175,7 +175,7 @@ def test_switched_robot_follows_the_old_path_briefly() -> None:
 def test_ghost_behind_a_wall_is_near() -> None:
     """The side that a ghost takes changes with a centimetre there."""
     config = config_of("chase")
-    game, _kept = started(config, situation_of(config))
+    game, _kept = started(config, first_situation(config))
     m = game.model.map
     both = np.flatnonzero(lengths_of(m)[m.ghost_beside[:, 0], m.ghost_beside[:, 1]] > 2.0)
     assert len(both) > 0

@@ -11,7 +11,7 @@ from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.maps.level import COARSE_MAP, Level
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import HOLD, Situation
-from tests.sim.coarse.games import at_once, config_of, situation_of, slowly
+from tests.sim.coarse.games import at_once, config_of, first_situation, slowly
 
 SPEED = 0.3
 
@@ -38,7 +38,7 @@ def beside(situation: Situation, i: int, apart_m: float) -> Situation:
 
 
 def test_outlook_is_empty_without_hunters() -> None:
-    situation = situation_of(config_of("wander"), 6)
+    situation = first_situation(config_of("wander"), 6)
     seen = columns(sure(situation, "wander"))
     for name in CANDIDATE_FEATURES:
         if name.startswith("hunted"):
@@ -47,13 +47,13 @@ def test_outlook_is_empty_without_hunters() -> None:
 
 
 def test_nearer_chaser_ends_more_paths() -> None:
-    situation = sure(situation_of(config_of("chase"), 6), "chase")
+    situation = sure(first_situation(config_of("chase"), 6), "chase")
     caught = [columns(beside(situation, 0, apart_m))["hunted_caught"][0].sum() for apart_m in (0.5, 6.0)]
     assert caught[0] > caught[1]
 
 
 def test_catching_chaser_leaves_no_lead() -> None:
-    seen = columns(sure(situation_of(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
+    seen = columns(sure(first_situation(config_of("chase", **{"clyde.speed_mps": 0.8}), 12), "chase"))
     caught = seen["hunted_caught"] > 0
     assert caught.any()
     assert (seen["hunted_lead"][caught] == 0).all()
@@ -62,7 +62,7 @@ def test_catching_chaser_leaves_no_lead() -> None:
 
 
 def test_standing_ghost_catches_nobody_far_away() -> None:
-    situation = sure(situation_of(config_of("chase"), 6), "chase")
+    situation = sure(first_situation(config_of("chase"), 6), "chase")
     ghosts = situation.ghosts.copy()
     ghosts[:, 0, 4] = 0.0
     far = np.hypot(*(situation.ghosts[:, 0, :2] - situation.robot[:, :2]).T) > 2.0
@@ -74,7 +74,7 @@ def test_standing_ghost_catches_nobody_far_away() -> None:
 
 def test_order_of_ghosts_does_not_matter() -> None:
     ghosts = ("chase", "wander")
-    situation = sure(situation_of(config_of(*ghosts), 6), *ghosts)
+    situation = sure(first_situation(config_of(*ghosts), 6), *ghosts)
     turned = replace(situation, ghosts=situation.ghosts[:, ::-1], belief=situation.belief[:, ::-1])
     one, other = columns(situation), columns(turned)
     for name in GLOBAL_FEATURES:

@@ -9,6 +9,7 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.game.ends import CAUGHT, RUNNING, TIMEOUT
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.drawn import drawn
 from tests.sim.players import Players, differences, everything, new_batch
 
@@ -71,7 +72,7 @@ def test_game_of_a_batch_is_the_game_alone(case: str) -> None:
 
 def to_clyde(batch: GameBatch, game: int = 0) -> float:
     """Believed distance of the robot from Clyde, m."""
-    situation = batch.situation()
+    situation = situation_of(batch)
     return float(np.hypot(*(situation.robot[game, :2] - situation.clyde[game])))
 
 
@@ -94,7 +95,7 @@ def test_time_limit_ends_a_round_at_its_tick() -> None:
         ends.append(int(batch.games["end"][0]))
     assert ends == [RUNNING] * 9 + [TIMEOUT] * 3
     assert batch.games["tick"][0] == 10
-    assert batch.situation().time_s[0] == 5.0
+    assert situation_of(batch).time_s[0] == 5.0
 
 
 def test_closing_speed_is_loss_of_believed_distance() -> None:
@@ -103,7 +104,7 @@ def test_closing_speed_is_loss_of_believed_distance() -> None:
     for t in range(40):
         batch.step(np.full(4, t // 10))
         now = [to_clyde(batch, i) for i in range(4)]
-        closing = batch.situation().closing_speed
+        closing = situation_of(batch).closing_speed
         np.testing.assert_allclose(closing, (np.array(before) - now) / 0.5, atol=1e-12)
         before = now
     assert np.abs(closing).max() > 0.01
@@ -117,13 +118,13 @@ def test_ended_game_ignores_choices() -> None:
     while batch.games["end"][1] == RUNNING:
         batch.step(np.array([5, batch.hold, 5]))
     assert (batch.games["end"][1], batch.games["pursued"][1]) == (CAUGHT, -1)
-    game, situation, alive = batch.games[1].copy(), batch.situation(), batch.alive[1].copy()
+    game, situation, alive = batch.games[1].copy(), situation_of(batch), batch.alive[1].copy()
     for choice in [*range(5), batch.hold] * 3:
         batch.step(np.array([5, choice, 5]))
     game["tick_pellets"] = 0
     assert batch.games[1] == game
     np.testing.assert_array_equal(batch.alive[1], alive)
-    for before, after in zip(situation.arrays(), batch.situation().arrays(), strict=True):
+    for before, after in zip(situation.arrays(), situation_of(batch).arrays(), strict=True):
         np.testing.assert_array_equal(before[1], after[1])
     assert batch.games["tick"][[0, 2]].min() > game["tick"]
 
@@ -153,7 +154,7 @@ def test_forbidden_choice_is_hold() -> None:
 def test_extra_pellet_slots_are_padding() -> None:
     assets: MapAssets = map_assets("house", make_config("robot"))
     batch = new_batch(make_config("robot", max_pellets=assets.pellets + 4))
-    situation = batch.situation()
+    situation = situation_of(batch)
     assert batch.candidates == assets.pellets + 4 + assets.refuges + 1
     padding = slice(assets.pellets, assets.pellets + 4)
     assert not situation.mask[0, padding].any()
@@ -180,7 +181,7 @@ def moving() -> GameBatch:
 
 
 def test_situations_are_new_arrays() -> None:
-    one, two = moving().situation(), moving().situation()
+    one, two = situation_of(moving()), situation_of(moving())
     for a, b in zip(one.arrays(), two.arrays(), strict=True):
         assert not np.shares_memory(a, b)
         np.testing.assert_array_equal(a, b)
@@ -188,7 +189,7 @@ def test_situations_are_new_arrays() -> None:
 
 def test_situation_has_path_lengths_and_goal() -> None:
     batch = moving()
-    assets, situation = batch.assets, batch.situation()
+    assets, situation = batch.assets, situation_of(batch)
     np.testing.assert_array_equal(situation.current, FAR)
     np.testing.assert_array_equal(situation.seed, np.arange(6))
     np.testing.assert_allclose(situation.time_s, 3.0)
@@ -207,7 +208,7 @@ def test_waiting_pellets_count_as_left() -> None:
     batch = new_batch(make_config("robot", **{"nav2.abort_rate": 1.0, "execution.back_off_s": 60.0}))
     for _ in range(4):
         batch.step(np.array([5]))
-    situation = batch.situation()
+    situation = situation_of(batch)
     assert np.flatnonzero(~situation.mask[0]).tolist() == [5]
     assert situation.pellets_left[0] == batch.games[0]["spawned"] - batch.games[0]["collected"]
 
@@ -217,10 +218,10 @@ def test_tick_that_ends_early_counts_as_one() -> None:
     ticks = 0
     while (batch.games["end"] == 0).any() and ticks < 1200:
         running = batch.games["end"] == 0
-        before = batch.situation().time_s
+        before = situation_of(batch).time_s
         batch.step(np.full(8, 2))
         ticks += 1
-        np.testing.assert_allclose(batch.situation().time_s - before, np.where(running, 0.5, 0.0))
+        np.testing.assert_allclose(situation_of(batch).time_s - before, np.where(running, 0.5, 0.0))
 
 
 # Driven by hand

@@ -11,6 +11,7 @@ from pacman_env.game.ends import RUNNING
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.beliefs import apart_cm, places_left
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.paths import UNREACHABLE_CM
 from tests.sim.players import new_batch
 
@@ -25,8 +26,8 @@ def believed(*ghosts: str, seconds: float = 12.0) -> np.ndarray:
     policy = make_policy("lookahead")
     policy.reset(np.ones(GAMES, np.bool_), config)
     for _ in range(round(seconds / config.execution.tick_s)):
-        batch.step(policy.select(batch.situation()))
-    return batch.situation().belief[batch.games["end"] == RUNNING]
+        batch.step(policy.select(situation_of(batch)))
+    return situation_of(batch).belief[batch.games["end"] == RUNNING]
 
 
 def test_belief_begins_with_the_prior() -> None:
@@ -50,9 +51,9 @@ def test_moved_ghost_resets_its_belief() -> None:
     batch = new_batch(make_config("robot", **{"clyde.ghosts": ("chase",)}))
     for _ in range(12):
         batch.step(np.array([batch.hold]))
-    assert not np.allclose(batch.situation().belief[0, 0], PRIOR)
+    assert not np.allclose(situation_of(batch).belief[0, 0], PRIOR)
     batch.place_ghost(0, 0, 0.0, 0.0)
-    np.testing.assert_allclose(batch.situation().belief[0, 0], PRIOR)
+    np.testing.assert_allclose(situation_of(batch).belief[0, 0], PRIOR)
 
 
 def test_lengths_from_goals_are_exact() -> None:

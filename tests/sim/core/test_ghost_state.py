@@ -10,6 +10,7 @@ from pacman_env.config import make_config
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.core.ghost_state import TO_CELL, choices_of
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.drawn import drawn
 from tests.sim.maps.test_ghost_cells import POCKETS
 from tests.sim.players import new_batch
@@ -40,7 +41,7 @@ def heads_for(batch: GameBatch, game: int, ghost: int = 0) -> int:
 def cells_by_the_robots(batch: GameBatch) -> list[int]:
     """The ghosts' cell nearest to where each robot believes to be."""
     assets = batch.assets
-    column, row, _ = assets.grid.locate(batch.situation().robot[:, :2])
+    column, row, _ = assets.grid.locate(situation_of(batch).robot[:, :2])
     return assets.ghost_targets.snap[row, column].tolist()
 
 
@@ -49,7 +50,7 @@ def cells_by_the_robots(batch: GameBatch) -> list[int]:
 
 def test_ghost_goes_to_cell_nearest_its_place() -> None:
     batch = games(24, "policy", **HARMLESS, **{"clyde.speed_mps": 1.5, "time_limit_s": 60.0})
-    places = np.flatnonzero(batch.situation(0).mask[0, : batch.hold])
+    places = np.flatnonzero(situation_of(batch, 0).mask[0, : batch.hold])
     assert len(places) == batch.n - 1
     choices = np.append(places, batch.hold)[:, None]
     for _ in range(50):
@@ -132,7 +133,7 @@ def test_chaser_follows_the_believed_robot() -> None:
 def test_arcade_ghost_turns_to_its_corner_when_near() -> None:
     changes = {"clyde.arcade_distance_m": 2.5, "clyde.speed_mps": 0.5, "execution.death_radius_m": 0.1}
     batch = games(6, *["arcade"] * 4, **changes)
-    robot, position = batch.situation().robot, batch.assets.clyde.position
+    robot, position = situation_of(batch).robot, batch.assets.clyde.position
     aims = cells_by_the_robots(batch)
     rules: list[str] = []
     for _ in range(100):
@@ -180,8 +181,8 @@ def test_nearest_ghost_leads_and_paths_are_shortest() -> None:
     assets, leads, rng = batch.assets, set(), np.random.default_rng(0)
     for _ in range(80):
         batch.step(rng.integers(0, batch.candidates, 5), rng.integers(0, batch.candidates, (5, 4)))
-        seen = batch.situation()
-        seats = [batch.situation(k) for k in range(4)]
+        seen = situation_of(batch)
+        seats = [situation_of(batch, k) for k in range(4)]
         for i in range(5):
             lead = int(np.hypot(*(seen.ghosts[i, :, :2] - seen.robot[i, :2]).T).argmin())
             leads.add(lead)

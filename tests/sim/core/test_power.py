@@ -9,6 +9,7 @@ from pacman_env.config import make_config
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.game.power import AWAY_UNTIL, HARMLESS_UNTIL, frightened_s
 from pacman_env.sim.core.batch import GameBatch
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.sim.players import new_batch
 
 GAMES = 12
@@ -36,7 +37,7 @@ class Watched:
         self.batch = new_batch(self.config, GAMES, "generated", first_seed=100 * seed)
         self.rng = np.random.default_rng(seed)
         self.chosen = np.zeros(GAMES, np.int64)
-        self.spawned = self.batch.situation().ghosts[:, :, :2].copy()
+        self.spawned = situation_of(self.batch).ghosts[:, :, :2].copy()
         self.frightened = self.rounds = self.catches = 0
         self.seed = 100 * seed + GAMES
 
@@ -45,11 +46,11 @@ class Watched:
         over = np.flatnonzero(self.batch.games["end"] != RUNNING)
         self.batch.reset(over, self.seed + np.arange(len(over), dtype=np.uint64))
         self.seed += len(over)
-        self.spawned[over] = self.batch.situation().ghosts[over, :, :2]
+        self.spawned[over] = situation_of(self.batch).ghosts[over, :, :2]
 
     def tick(self) -> None:
         self._begin_again()
-        rounds, seen = self.batch.games["round"].copy(), self.batch.situation()
+        rounds, seen = self.batch.games["round"].copy(), situation_of(self.batch)
         mask = seen.mask
         for i in range(GAMES):
             if self.rng.random() < 0.1 or not mask[i, self.chosen[i]]:
@@ -58,7 +59,7 @@ class Watched:
         new_round = self.batch.games["round"] > rounds
         self.rounds += int(new_round.sum())
         self.catches += int(self.batch.games["tick_caught"].sum())
-        now = self.batch.situation()
+        now = situation_of(self.batch)
         self._check_situation(now)
         self._check_ghosts(seen, now, new_round)
 
@@ -153,7 +154,7 @@ def differences_of_ghosts(one: GameBatch, other: GameBatch) -> list[str]:
 def test_frightened_ghost_of_a_policy_goes_where_it_is_sent_but_slowly() -> None:
     bold, frightened = sent(), sent()
     frightened.obstacles[0, 0, HARMLESS_UNTIL] = 1e6
-    place = int(np.flatnonzero(bold.situation(0).mask[0])[3])
+    place = int(np.flatnonzero(situation_of(bold, 0).mask[0])[3])
     lengths = [walked_m(batch, place, ticks=8) for batch in (bold, frightened)]
     assert lengths[1] == pytest.approx(0.67 * lengths[0], rel=0.05)
     for batch in (bold, frightened):
@@ -171,7 +172,7 @@ def test_choices_for_a_ghost_that_is_away_have_no_effect() -> None:
     walked_m(told, 3, ticks=6)
     walked_m(quiet, quiet.hold, ticks=6)
     for batch in (told, quiet):
-        assert batch.situation().away_s[0, 0] == 0.0
+        assert situation_of(batch).away_s[0, 0] == 0.0
         assert batch.ghosts[["x", "y"]] == spawned
         assert batch.ghosts["place"][0, 0] == -1
         walked_m(batch, 7, ticks=4)
@@ -200,7 +201,7 @@ def test_frightened_chaser_flees_and_then_chases_again() -> None:
     batch = sent("chase")
 
     def apart() -> float:
-        seen = batch.situation()
+        seen = situation_of(batch)
         return float(np.hypot(*(seen.ghosts[0, 0, :2] - seen.robot[0, :2])))
 
     distances = [apart()]

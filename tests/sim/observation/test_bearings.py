@@ -16,6 +16,7 @@ from pacman_env.sim.observation.robot_features import (
     pellet_bearings,
 )
 from pacman_env.sim.observation.situation import MISSING, NearestCounts, Situation, nearest_candidates
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.sim.players import played
 
@@ -35,7 +36,7 @@ def directions(situation: Situation, targets: np.ndarray) -> np.ndarray:
 
 
 def test_nearest_pellets_have_their_bearings() -> None:
-    situation = games().situation()
+    situation = situation_of(games())
     seen = pellet_bearings(situation, 20)
     assert (seen.shape, seen.dtype) == ((12, 20, len(PELLET_BEARING_COLUMNS)), np.float32)
     order = nearest_candidates(situation, NearestCounts(20, 0))[:, :20]
@@ -53,7 +54,7 @@ def test_nearest_pellets_have_their_bearings() -> None:
 
 def test_path_directions_lead_to_the_pellet() -> None:
     batch = games("maze", steps=0)
-    situation = batch.situation()
+    situation = situation_of(batch)
     cells = batch.assets.cell_xy
     situation.robot[:, :2] = cells[np.random.default_rng(1).integers(len(cells), size=batch.n)]
     left = np.ones(batch.n, dtype=bool)
@@ -77,7 +78,7 @@ def test_unreachable_pellet_has_no_path_direction() -> None:
     pixels[5:-5, 5:140] = pixels[5:-5, 145:-5] = 254  # two rooms without a door
     rooms = OccupancyMap.from_pixels("rooms", pixels, 0.05, (-2.0, -2.0, 0.0))
     batch = games(rooms, steps=0, **CANNOT_REACH)
-    situation = batch.situation()
+    situation = situation_of(batch)
     seen = pellet_bearings(situation, batch.pellet_slots)
     order = np.argsort(situation.path_robot[:, : batch.pellet_slots], axis=1, kind="stable")
     no_way = ~np.isfinite(np.take_along_axis(situation.path_robot, order, axis=1))
@@ -88,7 +89,7 @@ def test_unreachable_pellet_has_no_path_direction() -> None:
 
 
 def test_ghosts_have_bearing_and_relative_velocity() -> None:
-    situation = games().situation()
+    situation = situation_of(games())
     seen = ghost_bearings(situation)
     assert (seen.shape, seen.dtype) == ((12, 2, len(GHOST_BEARING_COLUMNS)), np.float32)
     np.testing.assert_allclose(seen[..., :2], directions(situation, situation.ghosts[..., :2]), atol=1e-5)
@@ -101,7 +102,7 @@ def test_ghosts_have_bearing_and_relative_velocity() -> None:
 
 
 def test_values_are_clipped_to_their_bounds() -> None:
-    situation = games(steps=0).situation()
+    situation = situation_of(games(steps=0))
     situation.ghosts[0] = [1e6, 0.0, -1e6, 1e6, 0.25]
     situation.ghosts[1, 0, :2] = situation.robot[1, :2]
     seen = ghost_bearings(situation)
@@ -114,4 +115,4 @@ def test_values_are_clipped_to_their_bounds() -> None:
 
 def test_situation_without_maps_is_refused() -> None:
     with pytest.raises(ValueError, match="no maps"):
-        pellet_bearings(replace(games(n=1, steps=0).situation(), maps=None), 4)
+        pellet_bearings(replace(situation_of(games(n=1, steps=0)), maps=None), 4)

@@ -11,6 +11,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.observer import Observer
 from pacman_env.sim.observation.raster import PRESENT, raster
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation import lidar
 from tests.sim.players import new_batch
 
@@ -57,7 +58,7 @@ def test_each_robot_sees_its_own_map() -> None:
     batch = GameBatch(GeneratedMaps(config, 0, 3), config, 3)
     batch.reset(np.arange(3), np.arange(3, dtype=np.uint64), np.array([2, 0, 1]))
     batch.step(np.zeros(3, dtype=np.int64))
-    situation, seen = batch.situation(), observed_now(batch)
+    situation, seen = situation_of(batch), observed_now(batch)
     scan, grid = seen["scan"], seen["grid"]
     kinds, g = config.observation, batch.games
     for i in range(3):

@@ -21,6 +21,7 @@ from pacman_env.sim.observation.situation import (
     Situation,
     nearest_candidates,
 )
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.sim.observation.test_prediction import SPEED, batch_of
 from tests.sim.players import new_batch, played
 
@@ -30,7 +31,7 @@ def column(candidates: np.ndarray, name: str) -> np.ndarray:
 
 
 def test_features_are_small_and_zero_for_masked_candidates() -> None:
-    situation = batch_of("generated", n=30).situation()
+    situation = situation_of(batch_of("generated", n=30))
     candidates, whole = planner_features(situation, SPEED)
     assert candidates.shape == (*situation.mask.shape, len(CANDIDATE_FEATURES))
     assert whole.shape == (30, len(GLOBAL_FEATURES))
@@ -42,7 +43,7 @@ def test_features_are_small_and_zero_for_masked_candidates() -> None:
 
 @pytest.mark.parametrize("pellets", [True, False])
 def test_features_follow_the_situation(pellets: bool) -> None:
-    situation = batch_of("house", n=30).situation()
+    situation = situation_of(batch_of("house", n=30))
     shown = situation.mask & (pellets | (situation.kind != PELLET))
     situation = replace(situation, mask=shown)
     candidates, whole = planner_features(situation, SPEED)
@@ -66,7 +67,7 @@ def test_features_follow_the_situation(pellets: bool) -> None:
 
 def test_distances_to_other_pellets_are_path_lengths() -> None:
     batch = batch_of("house", n=4)
-    situation = batch.situation()
+    situation = situation_of(batch)
     candidates, _ = planner_features(situation, SPEED)
     assets = batch.assets
     for game in range(4):
@@ -81,7 +82,7 @@ def test_distances_to_other_pellets_are_path_lengths() -> None:
 
 
 def test_order_of_candidates_does_not_matter() -> None:
-    situation = batch_of("house", n=6).situation()
+    situation = situation_of(batch_of("house", n=6))
     order = np.random.default_rng(1).permutation(situation.mask.shape[1])
     names = ("kind", "position", "mask", "path_robot", "path_clyde", "goal")
     moved = {name: getattr(situation, name)[:, order] for name in names}
@@ -96,7 +97,7 @@ def test_features_do_not_depend_on_selected_candidates() -> None:
     batch = new_batch(make_config(**{"clyde.ghosts": ("arcade", "chase", "wander")}), 8)
     for k in range(6):
         batch.step(np.arange(8) + k)
-    situation = batch.situation()
+    situation = situation_of(batch)
     every, whole = planner_features(situation, SPEED)
     assert column(every, "hunted").any()
     listed = nearest_candidates(situation, NearestCounts(3, 2))
@@ -113,7 +114,7 @@ def test_features_do_not_depend_on_selected_candidates() -> None:
 
 @pytest.fixture(scope="module")
 def situation() -> Situation:
-    return played(make_config(), 16, steps=60).situation()
+    return situation_of(played(make_config(), 16, steps=60))
 
 
 @pytest.mark.parametrize("nearest", [NearestCounts(8, 4), NearestCounts(1, 0), NearestCounts(40, 20)])

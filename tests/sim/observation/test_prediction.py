@@ -23,6 +23,7 @@ from pacman_env.sim.observation.prediction import (
     encounters,
 )
 from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.controller import START_FIELDS, start_s, start_values
 from pacman_env.world.navigation.navigator import NO_RESULT
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP
@@ -63,7 +64,7 @@ def way_by_hand(batch: GameBatch, situation: Situation, game: int, candidate: in
 @pytest.mark.parametrize("source", ["house", "generated"])
 def test_distance_to_standing_ghost_follows_the_path(source: str) -> None:
     batch = batch_of(source)
-    situation = batch.situation()
+    situation = situation_of(batch)
     still = replace(situation, clyde_speed=np.zeros(batch.n), clyde_velocity=np.zeros((batch.n, 2)))
     seen = encounters(still, SPEED)
     off = []
@@ -81,7 +82,7 @@ def test_distance_to_standing_ghost_follows_the_path(source: str) -> None:
 
 @pytest.mark.parametrize("source", ["maze", "generated"])
 def test_probabilities_and_distances_are_consistent(source: str) -> None:
-    situation = batch_of(source, n=30).situation()
+    situation = situation_of(batch_of(source, n=30))
     seen = encounters(situation, SPEED)
     shown = seen[situation.mask]
     assert np.isfinite(seen).all()
@@ -97,7 +98,7 @@ def test_probabilities_and_distances_are_consistent(source: str) -> None:
 
 def test_ghost_out_of_reach_catches_nobody() -> None:
     batch = batch_of("house", n=40)
-    situation = batch.situation()
+    situation = situation_of(batch)
     seen = encounters(situation, SPEED)
     away = np.hypot(*(situation.robot[:, :2] - situation.clyde).T)
     reach = STEPS * STEP_S * (SPEED + situation.clyde_speed) + 0.8
@@ -108,7 +109,7 @@ def test_ghost_out_of_reach_catches_nobody() -> None:
 
 def test_last_direction_of_a_ghost_counts() -> None:
     batch = batch_of("loop", n=20)
-    situation = batch.situation()
+    situation = situation_of(batch)
     towards = situation.robot[:, :2] - situation.clyde
     towards *= (0.25 / np.hypot(*towards.T))[:, None]
     coming = encounters(replace(situation, clyde_velocity=towards), SPEED)[:, -1, CLOSEST_MEAN]

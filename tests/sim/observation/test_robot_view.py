@@ -17,6 +17,7 @@ from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
 from pacman_env.sim.observation.situation import LAYOUT, Situation
+from pacman_env.sim.observation.situation_writer import situation_of
 from tests.drawn import drawn
 from tests.physics_steps import watch
 from tests.sim.players import new_batch
@@ -100,7 +101,7 @@ def play(source: str, seed: int, policies: list[Policy], ticks: int, **changes: 
     for _ in range(ticks):
         if batch.games[0]["end"] != RUNNING:
             break
-        simulators, robots = batch.situation(), robot.situation()
+        simulators, robots = situation_of(batch), robot.situation()
         assert not differences(robots, simulators, batch.assets.clyde.resolution), f"tick {batch.games[0]['tick']}"
         choices = []
         for policy in policies:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, Pose, compose, inverse, scan, update, wrap
 from tests.navigator_drives import ALONE, drive_leg, with_goals
 from tests.physics_steps import watch
@@ -142,7 +143,7 @@ def test_perfectly_localized_robot_believes_the_truth() -> None:
     for _ in range(60):
         batch.step(batch.pellet_slots + np.arange(8))
         truth = np.stack([batch.games["x"], batch.games["y"], [wrap(h) for h in batch.games["heading"]]], axis=1)
-        situation = batch.situation()
+        situation = situation_of(batch)
         np.testing.assert_array_equal(situation.robot, truth)
         np.testing.assert_array_equal(situation.pose_age_s, np.zeros(8))
     assert (batch.games["x"] != batch.assets.grid.home[0]).all()
@@ -154,7 +155,7 @@ def test_tf_moves_on_but_latched_pose_stays() -> None:
     for _ in range(60):
         for batch in (tf, latched):
             batch.step(batch.pellet_slots + np.arange(8))
-            g, situation = batch.games, batch.situation()
+            g, situation = batch.games, situation_of(batch)
             if batch is tf:
                 np.testing.assert_array_equal(situation.robot[:, 0], g["x"] + g["error_x"])
                 np.testing.assert_array_equal(situation.pose_age_s, np.zeros(8))

@@ -8,6 +8,7 @@ import pytest
 from pacman_env.config import Config, make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import MapAssets, map_assets
+from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED
 from tests import physics_steps
 from tests.drawn import TWO_ROOMS, drawn
@@ -70,7 +71,7 @@ def to_goal(batch: GameBatch, game: int = 0, refuge: int = 0) -> float:
 @pytest.mark.parametrize("preset", ["ideal", "robot"])
 def test_goal_is_reached_within_its_tolerance(preset: str) -> None:
     batch = batch_to([(5.5, -1.5)], preset=preset)
-    path_m = batch.situation().path_robot[0, batch.pellet_slots]
+    path_m = situation_of(batch).path_robot[0, batch.pellet_slots]
     assert drive(batch) == SUCCEEDED
     error = 0.0 if preset == "ideal" else 0.1  # it goes by the pose it believes
     assert 0.15 < to_goal(batch) <= 0.30 + error
@@ -94,7 +95,7 @@ def test_hold_cancels_and_the_robot_stops() -> None:
     game = batch.games[0]
     assert (game["nav_state"], game["nav_last"], game["nav_goal"], game["nav_next"]) == (IDLE, CANCELED, -1, -1)
     assert np.hypot(game["vx"], game["vy"]) < 1e-9
-    assert batch.situation().current[0] == -1
+    assert situation_of(batch).current[0] == -1
 
 
 def test_new_goal_takes_over_at_next_planner_tick() -> None:
@@ -106,7 +107,7 @@ def test_new_goal_takes_over_at_next_planner_tick() -> None:
         chosen = 0 if tick < 3 else 1
         both.step(np.array([both.pellet_slots + chosen]))
         only.step(np.array([only.pellet_slots]))
-        assert both.situation().current[0] == both.pellet_slots + chosen
+        assert situation_of(both).current[0] == both.pellet_slots + chosen
         same_way = all(both.games[0][name] == only.games[0][name] for name in ("x", "y", "heading"))
         assert same_way == (tick < 4)
     # Accepted 2 steps after it was sent, plans every 20 steps from then on; the new goal is sent at step 30.

@@ -167,7 +167,9 @@ def test_long_contact_follows_chipmunks_own() -> None:
 @given(seed=st.integers(0, 10_000))
 def test_robot_does_not_depend_on_earlier_contacts(seed: int) -> None:
     rng = np.random.default_rng(seed)
+    corner = np.array([0.5 + ROBOT.radius_m, 0.5 + ROBOT.radius_m])  # robots in a narrow corner touch several walls
     starts, speeds = rng.uniform(-1.75, -0.25, (5, 2)), rng.uniform(-0.4, 0.4, (12, 5, 2))
+    starts[3:] = corner - [[0.0, 2.0], [2.0, 0.0]]
     together, alone = Robots(*starts.tolist()), [Robots(start) for start in starts.tolist()]
     for speed in speeds:
         for _ in range(20):
@@ -175,6 +177,25 @@ def test_robot_does_not_depend_on_earlier_contacts(seed: int) -> None:
             for i, one in enumerate(alone):
                 one.drive(speed[i])
         np.testing.assert_array_equal(together.state, np.concatenate([one.state for one in alone]))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_step_among_many_walls_does_not_depend_on_the_last(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    walls = np.concatenate([WALLS, rng.uniform(-1.0, 1.0, (12, 4))])
+    room = ROOM._replace(walls=walls, clear=np.zeros_like(ROOM.clear))
+    robot = Robots((0.0, 0.0))
+    for _ in range(20):
+        x, y = rng.uniform(-1.0, 1.0, 2)
+        for off in (0.0, 0.003):
+            robot.place(0, x + off, y)
+            robot.games["body_vx"], robot.games["force_y"] = 0.2, 3.0
+            fresh = Robots((x, y))
+            fresh.games[:] = robot.games
+            for one in (robot, fresh):
+                move(one.games[0], room, one.parameters, one.contacts.solver[0])
+            np.testing.assert_array_equal(robot.state, fresh.state)
 
 
 def test_placing_a_robot_stops_it() -> None:
