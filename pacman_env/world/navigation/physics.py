@@ -18,7 +18,6 @@ from ...engine.jit import kernel, table_kernel
 from ...engine.native import address_of_kernel, call_pair, call_range, call_segment, call_step, store_int
 from .grid import cell_of
 from .localization import record_fields
-from .walls import copy_touched
 
 BODY_FIELDS = [
     *record_fields(np.float64, "body_x body_y body_vx body_vy"),  # after the last step, m, m/s
@@ -63,6 +62,23 @@ def place(g, x, y):  # type: ignore[no-untyped-def]
     """Place a robot at (x, y), m, at rest."""
     g.body_x, g.body_y, g.body_vx, g.body_vy = x, y, 0.0, 0.0
     g.force_x = g.force_y = 0.0
+
+
+@kernel
+def copy_touched(walls, x, y, radius, copies):  # type: ignore[no-untyped-def]
+    """Copy the walls (S, 4) within ``radius`` m of (x, y) to ``copies`` (M, 4), at most M; return their number."""
+    count = 0
+    for k in range(len(walls)):
+        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
+        if min(ax, bx) > x + radius or max(ax, bx) < x - radius or min(ay, by) > y + radius or max(ay, by) < y - radius:
+            continue
+        dx, dy, px, py = bx - ax, by - ay, x - ax, y - ay
+        along = min(max((px * dx + py * dy) / max(dx * dx + dy * dy, 1e-12), 0.0), 1.0)
+        px, py = px - along * dx, py - along * dy
+        if px * px + py * py <= radius * radius and count < len(copies):
+            copies[count, 0], copies[count, 1], copies[count, 2], copies[count, 3] = ax, ay, bx, by
+            count += 1
+    return count
 
 
 @kernel

@@ -45,23 +45,6 @@ def _mark(clear, walls, affine, reach):  # type: ignore[no-untyped-def]
                     clear[row, column] = False
 
 
-@kernel
-def copy_touched(walls, x, y, radius, copies):  # type: ignore[no-untyped-def]
-    """Copy the walls (S, 4) within ``radius`` m of (x, y) to ``copies`` (M, 4), at most M; return their number."""
-    count = 0
-    for k in range(len(walls)):
-        ax, ay, bx, by = walls[k, 0], walls[k, 1], walls[k, 2], walls[k, 3]
-        if min(ax, bx) > x + radius or max(ax, bx) < x - radius or min(ay, by) > y + radius or max(ay, by) < y - radius:
-            continue
-        dx, dy, px, py = bx - ax, by - ay, x - ax, y - ay
-        along = min(max((px * dx + py * dy) / max(dx * dx + dy * dy, 1e-12), 0.0), 1.0)
-        px, py = px - along * dx, py - along * dy
-        if px * px + py * py <= radius * radius and count < len(copies):
-            copies[count, 0], copies[count, 1], copies[count, 2], copies[count, 3] = ax, ay, bx, by
-            count += 1
-    return count
-
-
 def overlap_m(walls: NDArray[np.float64], places: NDArray[np.float64], radius_m: float) -> NDArray[np.float64]:
     """Return by how much, m (N,), a disc at each place (N, 2) overlaps the nearest wall (S, 4); negative: a gap."""
     return radius_m - np.hypot(*np.moveaxis(_from_walls(walls, places), 2, 0)).min(axis=1)

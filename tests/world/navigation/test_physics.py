@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config
 from pacman_env.sim.core.parameters import GAME, batch_parameters
-from pacman_env.world.navigation.physics import Contacts, move, place
+from pacman_env.world.navigation.physics import Contacts, copy_touched, move, place
 from pacman_env.world.navigation.walls import clear_cells, overlap_m
 
 CONFIG = Config()
@@ -205,6 +205,21 @@ def test_placing_a_robot_stops_it() -> None:
     robots.place(0, -1.5, -1.5)
     robots.push((0.0, 0.0))
     assert robots.state[0].tolist() == [-1.5, -1.5, 0.0, 0.0]
+
+
+@settings(max_examples=50, deadline=None)
+@given(x=st.floats(-2.4, 2.4), y=st.floats(-2.4, 2.4))
+def test_touched_walls_are_those_in_reach(x: float, y: float) -> None:
+    copies = np.zeros((len(WALLS), 4))
+    count = copy_touched(WALLS, x, y, ROBOT.radius_m, copies)
+    reached = [overlap_m(wall[None], np.array([[x, y]]), ROBOT.radius_m)[0] >= 0.0 for wall in WALLS]
+    np.testing.assert_array_equal(copies[:count], WALLS[reached])
+
+
+def test_no_more_walls_are_copied_than_fit() -> None:
+    copies = np.zeros((1, 4))
+    assert copy_touched(WALLS, -2.0, -2.0, ROBOT.radius_m, copies) == 1
+    np.testing.assert_array_equal(copies[0], WALLS[0])
 
 
 #: A kernel of a script keeps the script's globals until pymunk's modules have been cleared.

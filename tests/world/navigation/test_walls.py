@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Config
-from pacman_env.world.navigation.walls import clear_cells, copy_touched, overlap_m
+from pacman_env.world.navigation.walls import clear_cells, overlap_m
 
 RADIUS_M = Config().robot.radius_m
 #: A square room of 4 m around the origin with a corner that juts in.
@@ -28,18 +28,3 @@ def test_only_cells_near_walls_are_not_clear() -> None:
     inner = np.s_[1:-1, 1:-1]
     assert CLEAR[inner][away[inner] > 0.04].all()
     assert not CLEAR[away < 0.035].any()
-
-
-@settings(max_examples=50, deadline=None)
-@given(x=st.floats(-2.4, 2.4), y=st.floats(-2.4, 2.4))
-def test_touched_walls_are_those_in_reach(x: float, y: float) -> None:
-    copies = np.zeros((len(WALLS), 4))
-    count = copy_touched(WALLS, x, y, RADIUS_M, copies)
-    reached = [overlap_m(wall[None], np.array([[x, y]]), RADIUS_M)[0] >= 0.0 for wall in WALLS]
-    np.testing.assert_array_equal(copies[:count], WALLS[reached])
-
-
-def test_no_more_walls_are_copied_than_fit() -> None:
-    copies = np.zeros((1, 4))
-    assert copy_touched(WALLS, -2.0, -2.0, RADIUS_M, copies) == 1
-    np.testing.assert_array_equal(copies[0], WALLS[0])
