@@ -20,7 +20,7 @@ from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.planner_network import PackedSituations
 from pacman_env.training.ppo import PPO, discounted, imitate
-from pacman_env.training.training_games import Games, PlannerGames, PlannerPart, dropped, make_parts
+from pacman_env.training.training_games import Games, PlannerGames, dropped, make_parts
 from tests.training.test_run_arguments import tiny
 
 
@@ -37,9 +37,7 @@ def taught(decisions: int, seed: int = 1, weights: int = 0) -> tuple[PPO, dict[s
 def agreement(model: PPO) -> float:
     """With the rule, in situations that the rule meets in other houses."""
     found = []
-    for part in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
-        assert isinstance(part, PlannerPart)
-        games = part.make()
+    for games in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
         observation = games.reset(4)
         games.begin_teaching()
         for _ in range(60):
@@ -64,9 +62,8 @@ def test_labels_are_choices_of_the_lineup_teacher() -> None:
         "wander,wander": make_policy("lookahead"),
     }
     differ = 0
-    for part in make_parts(arguments, 0):
-        assert isinstance(part, PlannerPart)
-        games, teacher, rule = part.make(), teachers[part.lineup], make_policy("lookahead")
+    for games in make_parts(arguments, 0):
+        teacher, rule = teachers[games.lineup], make_policy("lookahead")
         games.reset(0)
         games.begin_teaching()
         for one in (teacher, rule):
@@ -123,7 +120,7 @@ def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_labels_forbidden_by_ablation_teach_nothing(kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ppo, "_ENTROPY", 0.0)
-    games = make_parts(tiny(), 0)[0].make()
+    games = make_parts(tiny(), 0)[0]
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)

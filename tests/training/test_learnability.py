@@ -3,32 +3,25 @@
 from pacman_env.training.learnability import LevelCounts
 
 
-def counted(lineups: list[str | None], *rounds: tuple[int, int, int, int]) -> LevelCounts:
-    """``rounds``: of a sub-batch, a level: completed, all."""
-    counts = LevelCounts(lineups)
-    for sub_batch, level, won, number in rounds:
+def counted(*rounds: tuple[str, int, int, int]) -> LevelCounts:
+    """``rounds``: against a line-up, on a level: completed, all."""
+    counts = LevelCounts(["chase", "wander"])
+    for lineup, level, won, number in rounds:
         for k in range(number):
-            counts.add(sub_batch, level, k < won)
+            counts.add(lineup, level, k < won)
     return counts
 
 
 def test_half_completed_levels_come_first() -> None:
-    counts = counted(
-        ["chase"], (0, 3, 1, 10), (0, 5, 5, 10), (0, 9, 0, 10), (0, 2, 10, 10), (0, 4, 3, 10), (0, 1, 4, 9)
-    )
-    assert counts.best() == {"chase": [5, 1, 4]}  # of six; 9 is never completed, 2 always
+    chase = [(3, 1, 10), (5, 5, 10), (9, 0, 10), (2, 10, 10), (4, 3, 10), (1, 4, 9)]
+    counts = counted(*(("chase", *rounds) for rounds in chase))
+    assert counts.best()["chase"] == [5, 1, 4]  # of six; 9 is never completed, 2 always
 
 
 def test_levels_with_few_rounds_are_ignored() -> None:
-    assert counted(["chase"], (0, 1, 2, 5), (0, 2, 3, 6)).best() == {"chase": [2]}
+    assert counted(("chase", 1, 2, 5), ("chase", 2, 3, 6)).best()["chase"] == [2]
 
 
-def test_counts_are_summed_over_sub_batches_of_lineup() -> None:
-    counts = counted(["chase", None, "wander", "chase"], (0, 1, 3, 6), (1, 2, 3, 6), (2, 3, 3, 6), (3, 4, 2, 6))
+def test_counts_are_separate_for_each_lineup() -> None:
+    counts = counted(("chase", 1, 3, 6), ("wander", 3, 3, 6), ("chase", 4, 2, 6))
     assert counts.best() == {"chase": [1], "wander": []}  # half of two, half of one
-
-
-def test_counts_are_empty_after_clearing() -> None:
-    counts = counted(["chase"], (0, 1, 3, 6), (0, 2, 3, 6))
-    counts.clear()
-    assert counts.best() == {"chase": []}
