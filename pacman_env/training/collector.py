@@ -56,7 +56,7 @@ class Collector:
             fragment, self._observations[k] = fragments.play(part, observation, network, steps, how, seed)
             return fragment
 
-        played = self._executor.map(play_part, range(len(self.parts)), on_fragment)
+        played = list(self._executor.map(play_part, range(len(self.parts)), on_fragment))
         self._played += 1
         for part, fragment in zip(self.parts, played, strict=True):
             for ending in fragment.endings:

@@ -252,13 +252,9 @@ def discounted(
     rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the discounted returns (T, N), and a mask (T, N): 1 if the round ends within the T steps, else 0."""
-    returns, valid = np.zeros_like(rewards), np.zeros_like(rewards)
-    total, complete = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
-    for t in reversed(range(len(rewards))):
-        complete |= dones[t]
-        total = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), total)
-        returns[t], valid[t] = total, complete
-    return returns, valid
+    nothing = torch.zeros(len(rewards) + 1, rewards.shape[1])
+    returns = advantages(torch.from_numpy(rewards), nothing, torch.from_numpy(dones).float(), gamma, 1.0)
+    return returns.numpy(), np.logical_or.accumulate(dones[::-1])[::-1].astype(np.float32)
 
 
 def advantages(
