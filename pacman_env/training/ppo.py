@@ -219,16 +219,11 @@ def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, se
         parts = games.play(model.network, steps, "labelled" if number > 0 else "taught")
         for fragment in parts:
             met.append(_situations(fragment, model.device))
-            labels.append(_labels(model, fragment))
+            returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
+            arrays = fragment.slots.copy(), returns, valid
+            labels.append(_Labels(*(torch.from_numpy(array.ravel()).to(model.device) for array in arrays)))
         _fit(model, optimizer, joined(met), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
     return {"agreement": float(np.average([one.agreed for one in parts], weights=[len(one.slots) for one in parts]))}
-
-
-def _labels(model: PPO, fragment: Fragment) -> _Labels:
-    returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
-    return _Labels(
-        *(torch.from_numpy(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid))
-    )
 
 
 def _situations(fragment: Fragment, device: str) -> PackedSituations:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import BELIEVED, taken_for
 from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
-from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.base import BasePolicy, Policy, require_numbers
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
@@ -82,11 +82,7 @@ SETTINGS = np.dtype(
 
 
 def _check(p: SearchParameters) -> None:
-    above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
-    for name, value in p._asdict().items():
-        if not 0 <= value < np.inf or (name in above_0 and value == 0):
-            least = "above" if name in above_0 else "at least"
-            raise ValueError(f"{name} = {value!r}: must be a finite number, {least} 0")
+    require_numbers(p._asdict(), ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m"))
     if not p.layer_s <= p.segment_s <= p.horizon_s:
         raise ValueError(f"segment_s = {p.segment_s}: must be layer_s = {p.layer_s} to horizon_s = {p.horizon_s}")
     if p.samples > _MOST_SAMPLES:

@@ -1,6 +1,6 @@
 """Houses in which some rounds were completed and some were not are played again, the evenest first."""
 
-from pacman_env.training.learnability import LevelCounts
+from pacman_env.training.collector import LevelCounts
 
 
 def counted(*rounds: tuple[str, int, int, int]) -> LevelCounts:
