@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from unittest import mock
 
 import gymnasium as gym
@@ -49,6 +49,7 @@ from pacman_env.sim.observation.kinds import KINDS, MASK
 TASK_ROUNDS = 25
 _PREFIX = "pacman_env/"
 _NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")
+_COLUMNS = ("observations", "actions", "rewards", "infos", "terminations", "truncations")
 _FILE_BYTES = 2**21  # upper bound of HDF5's overhead
 
 
@@ -60,13 +61,6 @@ class Recording:
     env_id: str
     arguments: dict[str, Any]  # arguments of the environment
     seeds: NDArray[np.uint64]  # (E,)
-
-
-class Round(NamedTuple):
-    """A recorded round, with the metadata that its episode has in addition to Minari's."""
-
-    buffer: EpisodeBuffer
-    notes: dict[str, Any]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -112,26 +106,23 @@ def tasks_of(policy: str, env: gym.Env[Any, Any], env_id: str, named: dict[str, 
     return [Recording(policy, env_id, named, part) for part in parts]
 
 
-def record(task: Recording) -> list[Round]:
-    """Play the rounds of a task."""
+def record(task: Recording) -> tuple[list[EpisodeBuffer], list[dict[str, Any]]]:
+    """Play the rounds of a task with Minari's ``DataCollector``, and read them back.
+
+    Return the recorded rounds, and for each the metadata that its episode has in addition to Minari's.
+    """
     with tempfile.TemporaryDirectory() as folder, _minari_in(folder):
-        return _collected(task)
-
-
-def _collected(task: Recording) -> list[Round]:
-    """Play the rounds with Minari's ``DataCollector``, and read them back."""
-    policy = load_policy(task.policy)
-    made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
-    env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
-    notes = [_play(env, policy, int(seed)) for seed in task.seeds]
-    storage = env.create_dataset("part-v0").storage
-    env.close()
-    rounds = []
-    for episode, seed, note in zip(storage.get_episodes(range(len(notes))), task.seeds, notes, strict=True):
-        fields = {name: episode[name] for name in ("observations", "actions", "rewards", "infos")}
-        ends = {name: episode[name] for name in ("terminations", "truncations")}
-        rounds.append(Round(EpisodeBuffer(options={"round_seed": int(seed)}, **fields, **ends), note))
-    return rounds
+        policy = load_policy(task.policy)
+        made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
+        env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
+        notes = [_play(env, policy, int(seed)) for seed in task.seeds]
+        episodes = env.create_dataset("part-v0").storage.get_episodes(range(len(notes)))
+        env.close()
+        buffers = []
+        for episode, seed in zip(episodes, task.seeds, strict=True):
+            fields = {name: episode[name] for name in _COLUMNS}
+            buffers.append(EpisodeBuffer(options={"round_seed": int(seed)}, **fields))
+        return buffers, notes
 
 
 def _play(env: Any, policy: Any, seed: int) -> dict[str, Any]:
@@ -186,8 +177,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
         with executor_of(arguments) as executor, bar_of(executor, arguments.episodes, "round") as bar:
             dataset, notes = None, list[dict[str, Any]]()
-            for rounds in executor.map(record, tasks):
-                buffers = [one.buffer for one in rounds]
+            for buffers, added in executor.map(record, tasks):
                 _require_room(temporary, buffers)
                 if dataset is None:
                     about = {"algorithm_name": arguments.policy, "requirements": [f"pacman_env=={__version__}"]}
@@ -195,8 +185,8 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
                     dataset = minari.create_dataset_from_buffers(arguments.name, buffers, env, **about)
                 else:
                     dataset.update_dataset_from_buffer(buffers)
-                notes += [one.notes for one in rounds]
-                bar.update(len(rounds))
+                notes += added
+                bar.update(len(added))
         assert dataset is not None
         dataset.storage.update_episode_metadata(notes)
         dataset.storage.update_metadata({"pacman_env": _facts(arguments, given, env)})

@@ -31,9 +31,9 @@ class Table(NamedTuple):
         ]
 
 
-def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
-    """Return a policy's name; of a long path, only the end, in ``width`` characters."""
-    return policy if len(policy) <= width else "…" + policy[1 - width :]
+def short_name(policy: str) -> str:
+    """Return a policy's name; of a long path, only the end, in 22 characters."""
+    return policy if len(policy) <= _NAME_WIDTH else "…" + policy[1 - _NAME_WIDTH :]
 
 
 def groups(rows: Sequence[Row]) -> list[list[Row]]:
