@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from pacman_env.evaluation.compare import league_table
 from pacman_env.evaluation.compare.heat_map import draw
 from pacman_env.evaluation.compare.results import replay_command
-from pacman_env.evaluation.compare.text_table import Table, group_title, groups, meaning, table_of, verdict
+from pacman_env.evaluation.compare.text_table import TextTable, group_title, groups, meaning, table_of, verdict
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.evaluation.templates import render
 from pacman_env.game.ends import ENDS
@@ -54,7 +54,7 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
     )
 
 
-def _section(title: str, lead: str, table: Table) -> dict[str, Any]:
+def _section(title: str, lead: str, table: TextTable) -> dict[str, Any]:
     return {"title": title, "lead": lead, **table._asdict()}
 
 

@@ -14,7 +14,7 @@ _NAME_WIDTH = 22
 _Cell = Callable[[Row], str]
 
 
-class Table(NamedTuple):
+class TextTable(NamedTuple):
     """Texts of a table; ``align`` contains l or r for each column."""
 
     head: Sequence[str]
@@ -74,13 +74,13 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
     return "\n".join([*lines, *textwrap.wrap(meaning(rows, power=power), min(width, WIDTH))])
 
 
-def table_of(group: Sequence[Row], *, power: bool = False) -> Table:
+def table_of(group: Sequence[Row], *, power: bool = False) -> TextTable:
     """Return the table of one map and speed; the first column contains the policies."""
     columns = {
         **_POLICY, **(_ENDLESS if group[0]["kind"] == "endless" else _ROUND), **(_GHOSTS if power else {}), **_ENDS
     }  # fmt: skip
     lines = [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
-    return Table([*columns, "difference"], "l" + "r" * len(columns), lines)
+    return TextTable([*columns, "difference"], "l" + "r" * len(columns), lines)
 
 
 def meaning(rows: Sequence[Row], *, power: bool = False) -> str:
