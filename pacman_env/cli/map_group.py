@@ -90,8 +90,7 @@ def _map_generate(arguments: argparse.Namespace) -> int:
 
 
 def _map_turn(arguments: argparse.Namespace) -> int:
-    from pacman_env.world.maps.occupancy import load_map
-    from pacman_env.world.maps.turning import turned
+    from pacman_env.world.maps.occupancy import load_map, turned
 
     out = arguments.out
     if out.suffix.lower() != ".yaml" or out.exists():

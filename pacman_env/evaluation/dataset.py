@@ -21,7 +21,7 @@ from typing import Any
 from unittest import mock
 
 import gymnasium as gym
-import jax  # noqa: F401  # Minari imports it at the first step, with another error
+import jax
 import minari
 import numpy as np
 from minari.data_collector import EpisodeBuffer
@@ -38,7 +38,7 @@ from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds
 from pacman_env.evaluation.rounds.scenarios import load_policy
-from pacman_env.executors.executor import Executor, bar_of
+from pacman_env.executors.executor import bar_of
 from pacman_env.executors.executor_options import add_executor_arguments, executor_of
 from pacman_env.files import commit, prepare
 from pacman_env.plugins import suggest
@@ -49,6 +49,7 @@ from pacman_env.sim.observation.kinds import KINDS, MASK
 TASK_ROUNDS = 25
 _PREFIX = "pacman_env/"
 _NAME = re.compile(r"(?:[-\w]+/)*[-\w]+-v\d+")
+_COLUMNS = ("observations", "actions", "rewards", "infos", "terminations", "truncations")
 _FILE_BYTES = 2**21  # upper bound of HDF5's overhead
 
 
@@ -60,21 +61,6 @@ class Recording:
     env_id: str
     arguments: dict[str, Any]  # arguments of the environment
     seeds: NDArray[np.uint64]  # (E,)
-
-
-@dataclass(frozen=True)
-class Round:
-    """A recorded round."""
-
-    buffer: EpisodeBuffer
-    level: int  # 0 if there is one map
-    outcome: str
-    unlisted: int  # choices that the action space lacks; hold was played instead
-
-    @property
-    def attributes(self) -> dict[str, Any]:
-        """Return the metadata that the episode has in addition to Minari's."""
-        return {"level": self.level, "outcome": self.outcome, "unlisted": self.unlisted}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -120,26 +106,30 @@ def tasks_of(policy: str, env: gym.Env[Any, Any], env_id: str, named: dict[str, 
     return [Recording(policy, env_id, named, part) for part in parts]
 
 
-def record(task: Recording) -> list[Round]:
-    """Play the rounds of a task."""
+def record(task: Recording) -> tuple[list[EpisodeBuffer], list[dict[str, Any]]]:
+    """Play the rounds of a task with Minari's ``DataCollector``, and read them back.
+
+    Return the recorded rounds, and for each the metadata that its episode has in addition to Minari's.
+    """
     with tempfile.TemporaryDirectory() as folder, _minari_in(folder):
-        return _collected(task)
+        policy = load_policy(task.policy)
+        made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
+        env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
+        notes = [_play(env, policy, int(seed)) for seed in task.seeds]
+        episodes = env.create_dataset("part-v0").storage.get_episodes(range(len(notes)))
+        env.close()
+        buffers = []
+        for episode, seed in zip(episodes, task.seeds, strict=True):
+            fields = {name: episode[name] for name in _COLUMNS}
+            buffers.append(EpisodeBuffer(options={"round_seed": int(seed)}, **fields))
+        return buffers, notes
 
 
-def _collected(task: Recording) -> list[Round]:
-    """Play the rounds with Minari's ``DataCollector``, and read them back."""
-    policy = load_policy(task.policy)
-    made = gym.make(task.env_id, disable_env_checker=True, **task.arguments)
-    env = minari.DataCollector(made, _MaskInInfos, record_infos=True, jpeg_encoding=False)
-    notes = [_play(env, policy, int(seed)) for seed in task.seeds]
-    storage = env.create_dataset("part-v0").storage
-    env.close()
-    episodes = zip(storage.get_episodes(range(len(notes))), task.seeds, notes, strict=True)
-    return [Round(_buffer(episode, int(seed)), *note) for episode, seed, note in episodes]
+def _play(env: Any, policy: Any, seed: int) -> dict[str, Any]:
+    """Play a round; return its ``level`` (0 if there is one map), its ``outcome`` and ``unlisted``.
 
-
-def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
-    """Play a round; return its level, its outcome, and the number of choices that the action space lacks."""
+    ``unlisted`` is the number of choices that the action space lacks; hold was played instead.
+    """
     env.reset(seed=0, options={"round_seed": seed})
     game = env.unwrapped
     reset(policy, np.ones(1, dtype=np.bool_), game.config)
@@ -152,7 +142,8 @@ def _play(env: Any, policy: Any, seed: int) -> tuple[int, str, int]:
         over = terminated or truncated
         if not over and game.batch.completed_s[0] > 0:  # the next round of an endless game
             reset(policy, np.ones(1, dtype=np.bool_), game.config)
-    return int(game.batch.level_numbers()[0]), str(OUTCOMES[game.batch.games["end"][0]]), unlisted
+    level, outcome = int(game.batch.level_numbers()[0]), str(OUTCOMES[game.batch.games["end"][0]])
+    return {"level": level, "outcome": outcome, "unlisted": unlisted}
 
 
 class _MaskInInfos(minari.StepDataCallback):
@@ -167,11 +158,6 @@ class _MaskInInfos(minari.StepDataCallback):
         return {**data, "info": info}
 
 
-def _buffer(episode: dict[str, Any], seed: int) -> EpisodeBuffer:
-    named = {name: episode[name] for name in ("observations", "actions", "rewards", "terminations", "truncations")}
-    return EpisodeBuffer(options={"round_seed": seed}, infos=episode["infos"], **named)
-
-
 @contextlib.contextmanager
 def _minari_in(folder: str) -> Iterator[None]:
     """Let Minari write data sets below a folder, without warnings about missing authors."""
@@ -179,18 +165,6 @@ def _minari_in(folder: str) -> Iterator[None]:
         warnings.filterwarnings("ignore", module="minari")
         warnings.simplefilter("ignore", ResourceWarning)  # the collector deletes its folders without closing them
         yield
-
-
-def recorded(tasks: Sequence[Recording], executor: Executor) -> Iterator[list[Round]]:
-    """Yield the rounds of each task in the order of the tasks, for any executor; raises the first error."""
-    early: dict[int, list[Round]] = {}
-    number = 0
-    with contextlib.closing(executor.run(record, tasks)) as ends:
-        for done in ends:
-            early[done.number] = done.result()
-            while number in early:
-                yield early.pop(number)
-                number += 1
 
 
 def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
@@ -203,8 +177,7 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
         with executor_of(arguments) as executor, bar_of(executor, arguments.episodes, "round") as bar:
             dataset, notes = None, list[dict[str, Any]]()
-            for rounds in recorded(tasks, executor):
-                buffers = [one.buffer for one in rounds]
+            for buffers, added in executor.map(record, tasks):
                 _require_room(temporary, buffers)
                 if dataset is None:
                     about = {"algorithm_name": arguments.policy, "requirements": [f"pacman_env=={__version__}"]}
@@ -212,8 +185,8 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
                     dataset = minari.create_dataset_from_buffers(arguments.name, buffers, env, **about)
                 else:
                     dataset.update_dataset_from_buffer(buffers)
-                notes += [one.attributes for one in rounds]
-                bar.update(len(rounds))
+                notes += added
+                bar.update(len(added))
         assert dataset is not None
         dataset.storage.update_episode_metadata(notes)
         dataset.storage.update_metadata({"pacman_env": _facts(arguments, given, env)})
@@ -279,15 +252,9 @@ def _facts(arguments: argparse.Namespace, given: Sequence[str], env: Any) -> dic
 
 def _require_room(folder: str, buffers: Sequence[EpisodeBuffer]) -> None:
     """Raise OSError if the disk may become full: after a failed write, HDF5 crashes with a segmentation fault."""
-    size = sum(array.nbytes for one in buffers for array in _arrays(one.observations))
+    size = sum(np.asarray(leaf).nbytes for one in buffers for leaf in jax.tree.leaves(one.observations))
     if shutil.disk_usage(folder).free < 4 * size + _FILE_BYTES:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), folder)
-
-
-def _arrays(observations: Any) -> list[NDArray[Any]]:
-    if isinstance(observations, dict):
-        return [array for part in observations.values() for array in _arrays(part)]
-    return [np.asarray(observations)]
 
 
 if __name__ == "__main__":

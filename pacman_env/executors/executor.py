@@ -60,17 +60,20 @@ class Executor(ABC):
         function: Callable[[Task], Result],
         tasks: Sequence[Task],
         on_result: Callable[[Result], object] = lambda result: None,
-    ) -> list[Result]:
-        """Return the results in the order of the tasks, and call ``on_result`` with each result as it comes.
+    ) -> Iterator[Result]:
+        """Yield the results in the order of the tasks, and call ``on_result`` with each result as it comes.
 
         Raise the first error at once and cancel the other tasks.
         """
-        results: dict[int, Result] = {}
+        early: dict[int, Result] = {}
+        number = 0
         with contextlib.closing(self.run(function, tasks)) as ends:
             for done in ends:
-                results[done.number] = done.result()
-                on_result(results[done.number])
-        return [results[number] for number in range(len(tasks))]
+                early[done.number] = done.result()
+                on_result(early[done.number])
+                while number in early:
+                    yield early.pop(number)
+                    number += 1
 
     def close(self) -> None:
         """End all processes."""

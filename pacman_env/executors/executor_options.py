@@ -36,16 +36,11 @@ def executor_of(arguments: argparse.Namespace) -> Executor:
 
     Raises ModuleNotFoundError if ``--ray`` is given but Ray is not installed, ConnectionError if no cluster answers.
     """
-    if arguments.ray is None:
-        return local(arguments.workers)
-    from .ray_cluster import RayCluster
+    workers = arguments.workers or cores()
+    if arguments.ray is not None:
+        from .ray_cluster import RayCluster
 
-    return RayCluster(None if arguments.ray == _LOCAL else arguments.ray, arguments.workers or cores())
-
-
-def local(workers: int) -> Executor:
-    """Return an executor on this machine: in this process for one worker, otherwise processes (0: one per core)."""
-    workers = workers or cores()
+        return RayCluster(None if arguments.ray == _LOCAL else arguments.ray, workers)
     if workers == 1:
         return InProcess()
     from .process_pool import LocalProcesses

@@ -12,7 +12,16 @@ import numpy as np
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
-from pacman_env.policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, hold_index
+from pacman_env.policies.base import (
+    KIND_NAMES,
+    BasePolicy,
+    Explanation,
+    Flags,
+    Floats,
+    Indices,
+    hold_index,
+    require_numbers,
+)
 from pacman_env.sim.observation.situation import PELLET, Situation
 
 #: Names of a candidate's terms in explanations, in the order of their columns.
@@ -59,11 +68,9 @@ class ClydeAware(BasePolicy):
         if form not in ("deployed", "documented"):
             raise ValueError(f"form = {form!r}: must be 'deployed' or 'documented'")
         own = {} if power_credit_m is None else {"power_credit_m": power_credit_m}
-        for name, value in (parameters | own).items():
-            if name not in (*ScorerParameters._fields, *own):
-                raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} = {value!r}: must be a finite number of at least 0")
+        for name in parameters.keys() - set(ScorerParameters._fields):
+            raise TypeError(f"unknown parameter {name!r}: choose from {', '.join(ScorerParameters._fields)}")
+        require_numbers(parameters | own)
         self._given = {name: float(value) for name, value in parameters.items()}
         self.parameters = ScorerParameters(**self._given)
         self.power_credit_m = own.get("power_credit_m", 4.0 if form == "deployed" else 0.0)

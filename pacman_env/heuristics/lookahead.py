@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.policies.base import BasePolicy
+from pacman_env.policies.base import BasePolicy, require_numbers
 from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
 from pacman_env.sim.observation.situation import PELLET, Situation
 
@@ -38,11 +38,8 @@ class Lookahead(BasePolicy):
 
     def __init__(self, **parameters: float) -> None:
         self.parameters = LookaheadParameters(**parameters)
-        above_0 = ("robot_speed_mps", "power_m")
-        for name, value in self.parameters._asdict().items():
-            if value is not None and (not 0 <= value < np.inf or (name in above_0 and value == 0)):
-                rule = f"must be a finite number of at least 0, {' and '.join(above_0)} above 0"
-                raise ValueError(f"{name} = {value!r}: {rule}")
+        given = {name: value for name, value in self.parameters._asdict().items() if value is not None}
+        require_numbers(given, above_0=("robot_speed_mps", "power_m"))
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return minus the cost in s (N, C), -inf for forbidden or unreachable candidates."""

@@ -1,12 +1,10 @@
 """Baselines that ignore Clyde: the nearest pellet by path length, a random pellet, random candidates."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
-from pacman_env.policies.base import BasePolicy, Floats, Indices
+from pacman_env.policies.base import BasePolicy, Floats, Indices, require_numbers
 from pacman_env.rng import POLICY, stream, uniform
 from pacman_env.sim.observation.situation import PELLET, Situation
 
@@ -17,8 +15,7 @@ class Nearest(BasePolicy):
     name = "nearest"
 
     def __init__(self, replan_margin_m: float = 0.3) -> None:
-        if not (math.isfinite(replan_margin_m) and replan_margin_m >= 0):
-            raise ValueError(f"replan_margin_m = {replan_margin_m!r}: must be a finite number of at least 0")
+        require_numbers({"replan_margin_m": replan_margin_m})
         self.replan_margin_m = replan_margin_m
 
     def scores(self, situation: Situation) -> Floats:

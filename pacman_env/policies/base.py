@@ -1,5 +1,7 @@
 """Protocol of policies, which choose goals, and a base class for most of them."""
 
+import math
+from collections.abc import Collection, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -11,7 +13,6 @@ from pacman_env.sim.observation.situation import HOLD, Situation
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Kinds = NDArray[np.int8]
 Indices = NDArray[np.int64]
 #: Named terms of the decision per game and candidate, as plain Python values.
 Explanation = list[list[dict[str, float | bool | str]]]
@@ -34,6 +35,14 @@ class Policy(Protocol):
 
     def explain(self, situation: Situation) -> Explanation:
         """Return the terms of each score as dicts [game][candidate]; must not change the policy's state."""
+
+
+def require_numbers(parameters: Mapping[str, float], above_0: Collection[str] = ()) -> None:
+    """Raise ValueError for a parameter of a policy that is not finite or below 0, or 0 if it is among ``above_0``."""
+    for name, value in parameters.items():
+        least = "above" if name in above_0 else "of at least"
+        if not 0 <= value < math.inf or (name in above_0 and value == 0):
+            raise ValueError(f"{name} = {value!r}: must be a finite number {least} 0")
 
 
 def hold_index(situation: Situation) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pacman_env.config.validation import located
 from pacman_env.policies.base import BasePolicy, Explanation
-from pacman_env.policies.metadata import read_planner
+from pacman_env.policies.metadata import PlannerMetadata, read_planner
 from pacman_env.policies.policy_calls import PolicyError
 from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.sim.observation.situation import Situation
@@ -43,18 +43,14 @@ class LearnedPlanner(BasePolicy):
         self._threads = threads
         self._columns = _columns(self.metadata.candidate_features, CANDIDATE_FEATURES)
         self._whole_columns = _columns(self.metadata.global_features, GLOBAL_FEATURES)
-        self._session = self._new_session()
+        self._session = _session(self.path, self.metadata, self._model, self._threads)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_session": None}  # a copy creates its own session
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._session = self._new_session()
-
-    def _new_session(self) -> Any:
-        features, whole = len(self.metadata.candidate_features), len(self.metadata.global_features)
-        return _session(self._model, self.path, self._threads, features, whole)
+        self._session = _session(self.path, self.metadata, self._model, self._threads)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return logits (N, C), -inf for forbidden candidates; raises ValueError if the situation has no maps."""
@@ -118,8 +114,8 @@ def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
     return slice(None) if names == known else [known.index(name) for name in names]
 
 
-def _session(model: bytes, path: Path, threads: int, features: int, whole: int) -> Any:
-    """Create an onnxruntime session of a model with ``features`` and ``whole`` input columns, and test it once."""
+def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) -> Any:
+    """Create an onnxruntime session of a model with the inputs that its metadata names, and test it once."""
     try:
         import onnxruntime
     except ModuleNotFoundError:
@@ -136,6 +132,7 @@ def _session(model: bytes, path: Path, threads: int, features: int, whole: int) 
     # onnxruntime's errors have no common base class
     with located(f"{path}: no model that onnxruntime can load", ValueError, Exception):
         session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    features, whole = len(metadata.candidate_features), len(metadata.global_features)
     inputs: _Nodes = {
         "candidates": ("tensor(float)", (None, None, features)),
         "globals": ("tensor(float)", (None, whole)),

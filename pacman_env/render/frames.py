@@ -245,11 +245,6 @@ def _crop(assets: MapAssets) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 map_view = functools.lru_cache(maxsize=_KEPT_VIEWS)(MapView)
 
 
-def game_view(batch: GameBatch, game: int, height: int, theme: Theme = "light") -> MapView:
-    """Return the view of a game's map, ``height`` px high (even, at least 120); a batch's views have one size."""
-    return map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1, theme)
-
-
 def render_frame(
     batch: GameBatch, game: int, *, height: int = 720, title: str | None = None, theme: Theme = "light"
 ) -> Image:
@@ -275,7 +270,7 @@ def render_frame(
     """
     if not 0 <= game < batch.n:
         raise IndexError(f"game = {game}: the batch has games 0..{batch.n - 1}")
-    view = game_view(batch, game, height, theme)
+    view = map_view(batch.assets_of(game), batch.config, height, len(batch.levels) > 1, theme)
     g, ghosts = batch.games[game], batch.ghosts[game]
     image = view.layer(batch.alive[game, : view.assets.pellets]).copy()
     places = view.pixels(np.stack([ghosts["x"], ghosts["y"]], axis=1))

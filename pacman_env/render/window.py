@@ -24,8 +24,7 @@ class HumanWindow:
         except ImportError as error:
             raise ImportError(f"a window needs pygame: {install_command('render')}") from error
         self._pygame: Any = pygame
-        self._clock: Any = None  # opened with the first frame
-        self._initialized = False
+        self._clock: Any = None  # None: no window is open
         self.closed = False
 
     def show(self, frame: NDArray[np.uint8], fps: float) -> bool:
@@ -34,7 +33,6 @@ class HumanWindow:
         if self.closed:
             return False
         if self._clock is None:
-            self._initialized = True
             pygame.display.init()
             self._clock = pygame.time.Clock()
             pygame.display.set_caption("PacManBot")
@@ -52,8 +50,8 @@ class HumanWindow:
 
     def close(self) -> None:
         self.closed = True
-        if self._initialized:
-            self._initialized = False
+        if self._clock is not None:
+            self._clock = None
             self._pygame.display.quit()
 
 

@@ -18,6 +18,7 @@ FARTHEST_M = 1000.0  # farthest position from the origin; no map is larger
 UNIT_TOLERANCE = 0.01  # tolerance of a quaternion's length
 LONGEST_WORD = 200  # characters
 LONGEST_JSON = 100_000
+MOST_POINTS = 100_000  # of a cloud
 PELLETS = "pellets"  # namespace of markers
 POWER_PELLETS = "power_pellets"  # namespace of markers that the original's nodes ignore
 GHOSTS = "ghosts"
@@ -55,7 +56,7 @@ def _yaw(quaternion: Any) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def _check_frame(header: Any, frame: str) -> None:
+def _check_frame(header: Any, frame: str = "map") -> None:
     if header.frame_id != frame:
         raise BadMessage(f"frame {header.frame_id!r}: must be {frame!r}")
 
@@ -66,8 +67,8 @@ def pose_of(message: Any, frame: str = "map") -> Pose:
     return *_position(pose.position), _yaw(pose.orientation)
 
 
-def point_of(message: Any, frame: str = "map") -> Position:
-    _check_frame(message.header, frame)
+def point_of(message: Any) -> Position:
+    _check_frame(message.header)
     return _position(message.point)
 
 
@@ -88,7 +89,7 @@ def number_of(message: Any, low: float, high: float) -> float:
     return value
 
 
-def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[int, Position]:
+def pellets_of(message: Any, limit: int = 10_000) -> dict[int, Position]:
     """Return the positions (m), by id, of the pellets that a MarkerArray leaves on the map, in the markers' order."""
     if len(message.markers) > limit:
         raise BadMessage(f"{len(message.markers)} markers: at most {limit}")
@@ -103,7 +104,7 @@ def pellets_of(message: Any, limit: int = 10_000, frame: str = "map") -> dict[in
                 pellets.pop(marker.id, None)
                 continue
             try:
-                _check_frame(marker.header, frame)
+                _check_frame(marker.header)
                 pellets[marker.id] = _position(marker.pose.position)
             except BadMessage as error:
                 raise BadMessage(f"pellet {marker.id}: {error}") from None
@@ -125,12 +126,12 @@ def ghost_times_of(message: Any, ghosts: int) -> NDArray[np.float64]:
     return times.reshape(ghosts, 2)
 
 
-def points_of(message: Any, limit: int = 100_000, frame: str = "map") -> NDArray[np.float64]:
+def points_of(message: Any) -> NDArray[np.float64]:
     """Return x and y of the finite points of a PointCloud2: (N, 2), m."""
-    _check_frame(message.header, frame)
+    _check_frame(message.header)
     count = message.width * message.height
-    if count > limit:
-        raise BadMessage(f"{count} points: at most {limit}")
+    if count > MOST_POINTS:
+        raise BadMessage(f"{count} points: at most {MOST_POINTS}")
     offset = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
     if not {"x", "y"} <= set(offset):
         raise BadMessage("a cloud without float32 fields x and y")
@@ -170,9 +171,9 @@ def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map
     return message
 
 
-def twist_message(v_mps: float, w_radps: float, stamp: Any, frame: str = "base_link") -> Any:
+def twist_message(v_mps: float, w_radps: float, stamp: Any) -> Any:
     """Create a TwistStamped; driving forward and turning left are positive."""
-    message = TwistStamped(header=Header(stamp=stamp, frame_id=frame))
+    message = TwistStamped(header=Header(stamp=stamp, frame_id="base_link"))
     message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
     return message
 
@@ -209,13 +210,13 @@ def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map", 
     return MarkerArray(markers=[clear, *spheres])
 
 
-def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0, frame: str = "map") -> Any:
+def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0) -> Any:
     """Create a PointCloud2 of float32 from ``points`` (N, 2), x and y in m, all at height ``z``."""
     data = np.full((len(points), 3), z, dtype="<f4")
     data[:, :2] = points
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate("xyz")]
     return PointCloud2(
-        header=Header(stamp=stamp, frame_id=frame),
+        header=Header(stamp=stamp, frame_id="map"),
         height=1,
         width=len(points),
         fields=fields,

@@ -400,13 +400,19 @@ def _code() -> Iterator[tuple[int, int]]:
             yield start, end - start
 
 
+def own_context(domain: int | None) -> rclpy.Context:
+    """Return a new ROS context without signal handlers; ``domain`` None: the domain of the environment."""
+    context, no_signals = rclpy.Context(), SignalHandlerOptions.NO
+    rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
+    return context
+
+
 class ObserverNode(Node):
     """Node that observes a game while ``spin`` runs; it has its own ROS context, which ``close`` shuts down."""
 
     def __init__(self, name: str, namespace: str, domain: int | None = None, **options: Any) -> None:
         avoid_shared_memory()
-        context, no_signals = rclpy.Context(), SignalHandlerOptions.NO
-        rclpy.init(args=["--ros-args", *QUIET], context=context, domain_id=domain, signal_handler_options=no_signals)
+        context = own_context(domain)
         super().__init__(name, namespace=namespace, context=context, **options)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)

@@ -104,10 +104,6 @@ class RosAction(_Interface):
         """Create a client of the service that responds when a goal has ended."""
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
-    def cancel_client(self, node: Any, **options: Any) -> Any:
-        """Create a client that cancels goals by id, even before they are accepted."""
-        return node.create_client(CancelGoal, f"{self.name}/_action/cancel_goal", **options)
-
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         server = ActionServer(node, self.type, self.name, execute, **options)
         server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not store it
@@ -197,8 +193,8 @@ MOTIONS = (
 )
 
 
-def motion_canceller(node: Any, name: str) -> Any:
-    """Create a client that cancels goals of an action whose type need not be installed."""
+def cancel_client(node: Any, name: str) -> Any:
+    """Create a client that cancels goals by id, even before they are accepted; the type need not be installed."""
     return node.create_client(CancelGoal, f"{name}/_action/cancel_goal")
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pacman_env.sb3 import Observation
 from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined
-from pacman_env.training.training_games import Ending, Part, PlannerGames
+from pacman_env.training.training_games import Ending, Games, PlannerGames
 
 #: Who plays: the network with drawn choices, a rule that teaches, or the network's best choices with a rule's labels.
 How = Literal["drawn", "taught", "labelled"]
@@ -68,18 +68,13 @@ def check(numbers: torch.Tensor) -> None:
         raise FloatingPointError("the training has diverged: logits are no numbers any more")
 
 
-class RunningPart:
-    """The games of a part; they continue from one fragment to the next."""
+def play(
+    games: Games, observation: Observation, network: EntityNetwork, steps: int, how: How, seed: int
+) -> tuple[Fragment, Observation]:
+    """Play the next ``steps`` decisions in each game; ``how`` selects the player, ``seed`` decides drawn choices.
 
-    def __init__(self, part: Part, seed: int) -> None:
-        """Create the games; ``seed`` is the seed of the first rounds."""
-        self.games = part.make()
-        self.observation = self.games.reset(seed)
-
-
-def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, seed: int) -> Fragment:
-    """Play the next ``steps`` decisions in each game; ``how`` selects the player, ``seed`` decides drawn choices."""
-    games, observation = running.games, running.observation
+    ``observation`` is the present one; the one after the fragment is returned with it.
+    """
     generator = torch.Generator().manual_seed(seed) if how == "drawn" else None
     if how != "drawn":
         assert isinstance(games, PlannerGames), "only planners are taught"
@@ -106,8 +101,7 @@ def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, see
         observation, rewards[t], dones[t] = step[:3]
         endings += step.endings
     values[-1] = choose(network, observation)[0].values.numpy()
-    running.observation = observation
-    return Fragment(
+    fragment = Fragment(
         tuple(array.numpy() for array in joined(met)),
         torch.cat(slots).numpy(),
         torch.cat(log_probs).numpy(),
@@ -117,6 +111,7 @@ def play(running: RunningPart, network: EntityNetwork, steps: int, how: How, see
         endings,
         agreed,
     )
+    return fragment, observation
 
 
 @functools.cache

@@ -3,7 +3,6 @@
 import copy
 import functools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,28 +36,6 @@ def _levels(config: Config, first: int) -> _CachedLevels:
     return _CachedLevels(config, first, _HELD_OUT)
 
 
-@dataclass(frozen=True)
-class _Rounds:
-    """A task: rounds of one policy against one line-up."""
-
-    level_config: Config
-    first_level: int
-    config: Config
-    policy: str | Policy
-    ghosts: dict[int, Policy]
-    seeds: NDArray[np.uint64]  # (E,)
-
-
-def _completed(rounds: _Rounds) -> NDArray[np.bool_]:
-    """Play rounds and return the mask (E,) of completed rounds."""
-    use_device("cpu")
-    levels = _levels(rounds.level_config, rounds.first_level)
-    games = GameBatch(levels, rounds.config, len(rounds.seeds))
-    policy, ghosts = copy.deepcopy((rounds.policy, rounds.ghosts))  # other threads play with the originals
-    records, _ = play_in(games, policy, rounds.seeds, ghosts=ghosts, timed=False)
-    return np.asarray(records["end"] == COMPLETE)
-
-
 class HeldOut:
     """Validation or test rounds with a decision at each tick; levels stay prepared between evaluations.
 
@@ -84,7 +61,16 @@ class HeldOut:
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
         """Play the rounds and return the mask (E,) of completed rounds; ``learned`` moves ghosts called ``learned``."""
-        tasks = []
+        tasks: list[tuple[Config, dict[int, Policy], NDArray[np.uint64]]] = []  # configuration, ghosts, seeds (E,)
+
+        def play(task: tuple[Config, dict[int, Policy], NDArray[np.uint64]]) -> NDArray[np.bool_]:
+            use_device("cpu")
+            config, ghosts, seeds = task
+            games = GameBatch(_levels(self._config, self._first), config, len(seeds))
+            own_policy, own_ghosts = copy.deepcopy((policy, ghosts))  # other threads play with the originals
+            records, _ = play_in(games, own_policy, seeds, ghosts=own_ghosts, timed=False)
+            return np.asarray(records["end"] == COMPLETE)
+
         for lineup, rows in self.rows.items() if len(self.seeds) else ():
             names = behaviours(lineup)
             ghosts = {} if learned is None else {k: learned for k, name in enumerate(names) if name == LEARNED}
@@ -94,9 +80,8 @@ class HeldOut:
             changes |= lineup_settings(self._arguments, lineup)
             config = self._config.with_fields(**changes)
             seeds = self.seeds[rows]
-            for k in range(0, len(seeds), _ROUNDS):
-                tasks.append(_Rounds(self._config, self._first, config, policy, ghosts, seeds[k : k + _ROUNDS]))
-        return np.concatenate([*self._executor.map(_completed, tasks), np.zeros(0, dtype=np.bool_)])
+            tasks += [(config, ghosts, seeds[k : k + _ROUNDS]) for k in range(0, len(seeds), _ROUNDS)]
+        return np.concatenate([*self._executor.map(play, tasks), np.zeros(0, dtype=np.bool_)])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
         """Return the completion rates in the mask (E,): over all rounds, and by line-up (0 if there are no rounds)."""

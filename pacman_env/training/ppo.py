@@ -184,16 +184,18 @@ class PPO:
 
 
 class _Labels(NamedTuple):
+    situations: PackedSituations
     slots: torch.Tensor  # (B,) places of the teacher's choices in the situations
     returns: torch.Tensor  # (B,) discounted returns
     valid: torch.Tensor  # (B,) 1 if the return is complete, because the round ended
 
-    def loss(
-        self, model: PPO, packed: PackedSituations, count: int, rows: torch.Tensor
-    ) -> tuple[torch.Tensor, torch.Tensor]:
+    def make_loss(self, network: EntityNetwork, rows: torch.Tensor) -> ChunkLoss:
+        return partial(self._loss, network, len(rows))
+
+    def _loss(self, network: EntityNetwork, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the loss of ``rows`` (M,) of a minibatch of ``count`` situations, and no metrics (0,)."""
-        situations, slots = packed.of(rows), self.slots[rows]
-        logits, values = model.network.judge_packed(situations)
+        situations, slots = self.situations.of(rows), self.slots[rows]
+        logits, values = network.judge_packed(situations)
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
         value_loss = ((values - self.returns[rows]).square() * self.valid[rows]).sum()
@@ -213,52 +215,32 @@ def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, se
     steps = max(decisions // games.num_envs // _ROUNDS, 1)
     optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
     generator = torch.Generator().manual_seed(seed)
-    met, labels = list[PackedSituations](), list[_Labels]()
+    parts = list[_Labels]()
     games.reset(games_seed)
     for number in range(_ROUNDS):
-        parts = games.play(model.network, steps, "labelled" if number > 0 else "taught")
-        for fragment in parts:
-            met.append(_situations(fragment, model.device))
-            labels.append(_labels(model, fragment))
-        _fit(model, optimizer, joined(met), _Labels(*map(torch.cat, zip(*labels, strict=True))), generator)
-    return {"agreement": float(np.average([one.agreed for one in parts], weights=[len(one.slots) for one in parts]))}
-
-
-def _labels(model: PPO, fragment: Fragment) -> _Labels:
-    returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
-    return _Labels(
-        *(torch.from_numpy(array.ravel()).to(model.device) for array in (fragment.slots.copy(), returns, valid))
-    )
+        played = games.play(model.network, steps, "labelled" if number > 0 else "taught")
+        for fragment in played:
+            returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
+            arrays = (torch.from_numpy(array.ravel()) for array in (fragment.slots.copy(), returns, valid))
+            parts.append(_Labels(_situations(fragment, model.device), *(array.to(model.device) for array in arrays)))
+        met, *arrays_of_parts = zip(*parts, strict=True)
+        labels = _Labels(joined(met), *map(torch.cat, arrays_of_parts))
+        fit = partial(labels.make_loss, model.network)
+        model.descend(optimizer, fit, labels.situations.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
+    return {"agreement": float(np.average([one.agreed for one in played], weights=[len(one.slots) for one in played]))}
 
 
 def _situations(fragment: Fragment, device: str) -> PackedSituations:
     return PackedSituations(*(torch.from_numpy(array).to(device) for array in fragment.situations))
 
 
-def _fit(
-    model: PPO,
-    optimizer: torch.optim.Optimizer,
-    packed: PackedSituations,
-    labels: _Labels,
-    generator: torch.Generator,
-) -> None:
-    def make_loss(rows: torch.Tensor) -> ChunkLoss:
-        return partial(labels.loss, model, packed, len(rows))
-
-    model.descend(optimizer, make_loss, packed.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
-
-
 def discounted(
     rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the discounted returns (T, N), and a mask (T, N): 1 if the round ends within the T steps, else 0."""
-    returns, valid = np.zeros_like(rewards), np.zeros_like(rewards)
-    total, complete = np.zeros(rewards.shape[1], dtype=np.float32), np.zeros(rewards.shape[1], dtype=np.bool_)
-    for t in reversed(range(len(rewards))):
-        complete |= dones[t]
-        total = rewards[t] + np.float32(gamma) * np.where(dones[t], np.float32(0.0), total)
-        returns[t], valid[t] = total, complete
-    return returns, valid
+    nothing = torch.zeros(len(rewards) + 1, rewards.shape[1])
+    returns = advantages(torch.from_numpy(rewards), nothing, torch.from_numpy(dones).float(), gamma, 1.0)
+    return returns.numpy(), np.logical_or.accumulate(dones[::-1])[::-1].astype(np.float32)
 
 
 def advantages(

@@ -14,7 +14,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import torch
@@ -37,27 +37,18 @@ from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparam
 from pacman_env.training.run_folder import Run
 from pacman_env.training.training_games import clyde_limit, dropped, game_config, make_parts
 
-T = TypeVar("T")
 AfterSegment = Callable[[dict[str, Any]], None]
 _RULES = ("clyde_aware", "lookahead", "nearest")
 _PROG = "pacman-env train"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    return run_training(_PROG, argv, parse, run)
-
-
-def run_training(
-    prog: str, argv: Sequence[str] | None, parse: Callable[[Sequence[str]], T], work: Callable[[T, Executor], None]
-) -> int:
-    """Run a training command, whose parsed arguments have ``threads`` (0: one per core), and return its status."""
-
     def begin() -> None:
-        arguments: Any = parse(sys.argv[1:] if argv is None else argv)
+        arguments = parse(sys.argv[1:] if argv is None else argv)
         with InThreads(arguments.threads) as executor:
-            work(arguments, executor)
+            run(arguments, executor)
 
-    return guarded(prog, begin, "train")
+    return guarded(_PROG, begin, "train")
 
 
 def parse(argv: Sequence[str]) -> Arguments:
@@ -118,7 +109,9 @@ def train(
     device = use_device(arguments.device)
     folder = Run(arguments)
     hyper, first = arguments.hyper, len(folder.segments)
-    bar = progress_bar(hyper.segments * hyper.segment, arguments.progress, first * hyper.segment)
+    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    kind |= {"initial": first * hyper.segment, "disable": not arguments.progress}
+    bar: tqdm[Any] = tqdm(total=hyper.segments * hyper.segment, **kind)
     for record in folder.segments:
         after_segment(record)
     with bar:
@@ -211,8 +204,3 @@ def _report(
             place = f"{lineup} | " if several else ""
             lines.append(f"| {place}{name} | {ended.mean():.1%} [{first:.1%}, {last:.1%}] | {against} |")
     return "\n".join(lines)
-
-
-def progress_bar(decisions: int, shown: bool, done: int = 0) -> tqdm[Any]:
-    kind: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
-    return tqdm(total=decisions, initial=done, disable=not shown, **kind)

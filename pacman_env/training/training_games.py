@@ -1,15 +1,10 @@
-"""Games of a training, in parts; the games of a part have one line-up and their own houses.
-
-A part is plain data from which its games are created.
-"""
+"""Games of a training, in parts; the games of a part have one line-up and their own houses."""
 
 from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -20,7 +15,7 @@ from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.engine.cores import cores
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.episodes.rollout import allowed
-from pacman_env.game.ghosts import GHOST_NAMES
+from pacman_env.game.ghosts import GHOST_NAMES, POLICY, WANDER
 from pacman_env.policies.base import Policy
 from pacman_env.policies.metadata import Training
 from pacman_env.policies.opponents import BehaviourOpponent
@@ -134,13 +129,14 @@ class Step(NamedTuple):
 
 
 class Games(ABC):
-    """Step the games of a part together.
+    """Games of a part, which are stepped together.
 
     A round at its time limit counts as terminated, not truncated, so that hiding until then does not pay.
     """
 
     env: Any
     num_envs: int
+    repeats: str | None = None  # line-up whose levels may be played again; None: they may not
 
     @abstractmethod
     def reset(self, seed: int) -> Observation:
@@ -150,43 +146,24 @@ class Games(ABC):
     def step(self, actions: NDArray[np.int64]) -> Step: ...
 
 
-@dataclass(frozen=True)
-class Part(ABC):
-    """Specify the games of a part, and create them with :meth:`make`."""
-
-    games: int
-    scale: float  # factor of rewards
-
-    @abstractmethod
-    def make(self) -> Games:
-        """Create the games, with their own copies of the policies."""
-
-
-@dataclass(frozen=True)
-class PlannerPart(Part):
-    """Games in which the agent is the robot, against one line-up of ghosts."""
-
-    lineup: str
-    may_repeat: bool  # True: its levels may be played again
-    teacher_nodes: int
-    learned: Policy  # moves ghosts called ``learned``
-    arguments: Mapping[str, Any]  # arguments of the environment
-
-    def make(self) -> PlannerGames:
-        ghosts = [copy.deepcopy(self.learned) if name == LEARNED else name for name in behaviours(self.lineup)]
-        env = PacManBotVecEnv(self.games, ghosts=ghosts, **self.arguments)
-        return PlannerGames(env, self.scale, partial(make_teacher, self.lineup, self.teacher_nodes))
-
-
 class PlannerGames(Games):
-    """Games of robots; ``teacher`` creates the policy of :meth:`choices`, which :meth:`begin_teaching` starts."""
+    """Games of robots against one line-up; :meth:`begin_teaching` starts the line-up's teacher for :meth:`choices`."""
 
-    def __init__(self, env: PacManBotVecEnv, scale: float = 1.0, teacher: Callable[[], Policy] | None = None) -> None:
+    def __init__(
+        self,
+        env: PacManBotVecEnv,
+        scale: float = 1.0,  # factor of rewards
+        lineup: str = WANDER,
+        teacher_nodes: int = 0,
+        may_repeat: bool = False,  # True: the levels may be played again
+    ) -> None:
         self.env, self.num_envs, self._scale = env, env.num_envs, np.float32(scale)
-        self._make_teacher = teacher
+        self.lineup, self._teacher_nodes = lineup, teacher_nodes
+        self.repeats = lineup if may_repeat else None
         self._teacher: Policy | None = None
 
     def reset(self, seed: int) -> Observation:
+        self._teacher = None
         self.env.seed(seed)
         return self.env.reset()
 
@@ -203,8 +180,7 @@ class PlannerGames(Games):
 
     def begin_teaching(self) -> None:
         """Create a teacher that knows nothing of the rounds so far."""
-        assert self._make_teacher is not None, "nobody teaches in these games"
-        self._teacher = self._make_teacher()
+        self._teacher = make_teacher(self.lineup, self._teacher_nodes)
         self._teacher.reset(np.ones(self.num_envs, dtype=np.bool_), self.env.env.config)
 
     def choices(self) -> NDArray[np.int64]:
@@ -218,7 +194,7 @@ def make_parts(
     segment: int,
     learned: Policy = _CHASE,
     again: Mapping[str, Sequence[int]] = MappingProxyType({}),
-) -> list[Part]:
+) -> list[PlannerGames]:
     """Return the parts of a segment, with their own houses; in every fourth part, houses are twice as wide and sparse.
 
     Each part has one of the hyperparameters' line-ups; ``learned`` moves the ghosts called ``learned``. ``again``
@@ -237,7 +213,7 @@ def make_parts(
     levels, games = (np.linspace(0, total, count + 1).astype(int).tolist() for total in (hyper.levels, hyper.games))
     fastest_mps = clyde_limit(arguments, segment)
     settings = game_settings(arguments) | {"execution.rules": arguments.execution, "observation.infos": "ends"}
-    made: list[Part] = []
+    made: list[PlannerGames] = []
     left = {lineup: list(chosen) for lineup, chosen in again.items()}
     for k, lineup in enumerate(lineups):
         wide = (k + turn) % _WIDE_EVERY == _WIDE_EVERY - 1
@@ -248,16 +224,15 @@ def make_parts(
             played[: len(old)] = old
         own: dict[str, Any] = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m} if wide else {}
         own |= lineup_settings(arguments, lineup, fastest_mps)
-        environment = {
-            "map": f"generated:{'wide:' * wide}{','.join(map(str, played))}",
-            "preset": arguments.preset,
-            "settings": settings | own,
-            "num_threads": _threads_of_each(arguments, count),
-        }
-        number = games[k + 1] - games[k]
-        made.append(
-            PlannerPart(number, hyper.reward_scale, lineup, not wide, hyper.teacher_nodes, learned, environment)
+        env = PacManBotVecEnv(
+            games[k + 1] - games[k],
+            map=f"generated:{'wide:' * wide}{','.join(map(str, played))}",
+            preset=arguments.preset,
+            ghosts=[copy.deepcopy(learned) if name == LEARNED else name for name in behaviours(lineup)],
+            settings=settings | own,
+            num_threads=_threads_of_each(arguments, count),
         )
+        made.append(PlannerGames(env, hyper.reward_scale, lineup, hyper.teacher_nodes, not wide))
     return made
 
 
@@ -265,25 +240,17 @@ def _threads_of_each(arguments: Arguments, parts: int) -> int:
     return max((arguments.threads or cores()) // parts, 1)
 
 
-@dataclass(frozen=True)
-class GhostPart(Part):
-    """Games in which the agent is Clyde; the policy ``robot`` moves the robots and keeps no state."""
-
-    robot: Policy
-    arguments: Mapping[str, Any]  # arguments of the environment
-
-    def make(self) -> GhostGames:
-        env = PacManBotParallelVecEnv(self.games, **self.arguments)
-        return GhostGames(env, copy.deepcopy(self.robot), self.scale)
-
-
 class GhostGames(Games):
-    """Games in which Clyde learns; it observes planner features from its own point of view."""
+    """Games in which Clyde learns; it observes planner features from its own point of view.
+
+    The policy ``robot`` moves the robots and keeps no state.
+    """
 
     def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
         if tuple(env.possible_agents) != (PACMAN, CLYDE):
             raise ValueError(f"agents of the games: {env.possible_agents}, must be {PACMAN} and {CLYDE}")
-        self.env, self.num_envs, self._robot, self._scale = env, env.num_envs, robot, np.float32(scale)
+        self.env, self.num_envs, self.scale = env, env.num_envs, np.float32(scale)
+        self._robot = copy.deepcopy(robot)  # other threads play with the original
         self._robot.reset(np.ones(self.num_envs, dtype=np.bool_), env.config)
 
     def reset(self, seed: int) -> Observation:
@@ -299,7 +266,7 @@ class GhostGames(Games):
         if ended:
             self._robot.reset(dones, self.env.config)
         endings = [Ending(infos["final_info"]["outcome"][i]) for i in ended]
-        return Step(self._observation(), rewards[:, 1].astype(np.float32) * self._scale, dones, endings)
+        return Step(self._observation(), rewards[:, 1].astype(np.float32) * self.scale, dones, endings)
 
     def _observation(self) -> Observation:
         situation = situation_of(self.env.batch, 0)
@@ -307,7 +274,7 @@ class GhostGames(Games):
         return {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
 
 
-def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[Part]:
+def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[GhostGames]:
     """Return the parts of Clyde's games in a segment, zero-sum; all parts share the segment's houses."""
     hyper = arguments.hyper
     # The robot's policy reads the situation, so its agent needs no planner features.
@@ -315,12 +282,7 @@ def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[
     settings |= {"execution.rules": arguments.execution, "num_levels": hyper.levels}
     settings["start_level"] = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     count = min(SUB_BATCHES, hyper.games)
-    environment = {
-        "map": "generated",
-        "preset": arguments.preset,
-        "ghosts": ("policy",),
-        "settings": settings,
-        "num_threads": _threads_of_each(arguments, count),
-    }
-    ends = np.linspace(0, hyper.games, count + 1).astype(int).tolist()
-    return [GhostPart(ends[k + 1] - ends[k], hyper.reward_scale, robot, environment) for k in range(count)]
+    environment: dict[str, Any] = {"map": "generated", "preset": arguments.preset, "ghosts": (POLICY,)}
+    environment |= {"settings": settings, "num_threads": _threads_of_each(arguments, count)}
+    games = np.diff(np.linspace(0, hyper.games, count + 1).astype(int)).tolist()
+    return [GhostGames(PacManBotParallelVecEnv(n, **environment), robot, hyper.reward_scale) for n in games]

@@ -47,9 +47,9 @@ class PageFiles(StaticFiles):
 
 
 class Routes:
-    def __init__(self, game: Game, sessions: Sessions, log: Log, static: Path):
+    def __init__(self, game: Game, sessions: Sessions, log: Log):
         self._game, self._sessions, self._log = game, sessions, log
-        self._files = PageFiles(directory=static)
+        self._files = PageFiles(directory=STATIC)
         self._upload = asyncio.Semaphore(1)  # bounds the memory of all uploads
 
     def all(self) -> list[BaseRoute]:

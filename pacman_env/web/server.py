@@ -10,7 +10,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import uvicorn
@@ -25,7 +24,7 @@ from pacman_env.web.address import bind, link, start_text, with_token
 from pacman_env.web.game_interface import Game
 from pacman_env.web.log import Log
 from pacman_env.web.page_messages import MOST_BYTES
-from pacman_env.web.routes import STATIC, Routes
+from pacman_env.web.routes import Routes
 from pacman_env.web.sessions import Sessions
 
 MOST_VIEWERS = 100
@@ -50,11 +49,10 @@ class WebServer:
         names: Iterable[str] = (),  # more accepted host names; for a proxy, the complete address of the page
         write: Callable[[str], None] | None = None,  # writes a line of the log; None: to stderr
         viewers: int = MOST_VIEWERS,  # at the same time
-        static: Path = STATIC,
     ):
         self.host, self.port, self.address = host, port, host
         self.tokens = tokens
-        self._game, self._viewers, self._static = game, viewers, static
+        self._game, self._viewers = game, viewers
         self._names = tuple(map(Name.parse, names))
         self._write = write or partial(print, "pacman-env web:", file=sys.stderr, flush=True)
         self._log: Log | None = None
@@ -109,7 +107,7 @@ class WebServer:
             log.error("a request", error)
             return PlainTextResponse("internal error\n", 500)
 
-        routes = [*Routes(self._game, sessions, log, self._static).all(), WebSocketRoute("/ws", sessions.serve)]
+        routes = [*Routes(self._game, sessions, log).all(), WebSocketRoute("/ws", sessions.serve)]
         application: ASGIApp = Starlette(routes=routes, exception_handlers={Exception: failed})
         names = (*map(Name, names_of(self.host, self.address)), *self._names)
         config = uvicorn.Config(

@@ -17,7 +17,7 @@ from pacman_env.web.frame import Frame, Pose
 from pacman_env.web.game_interface import News, Scene
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
-from pacman_env.web.scene import scene_facts
+from pacman_env.web.vocabulary import scene_facts
 
 _COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes 20 to 60 s."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.world.maps.occupancy import MapError, OccupancyMap
-from pacman_env.world.maps.turning import moves_cells
+from pacman_env.world.maps.occupancy import MapError, OccupancyMap, moves_cells
 from pacman_env.world.navigation.grid import build_grid, connected_parts
 
 MIN_PART_M2 = 0.1  # smaller parts are artefacts of mapping and not counted

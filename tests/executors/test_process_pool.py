@@ -49,7 +49,7 @@ def test_pool_that_breaks_while_it_starts_is_replaced(monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(ProcessPoolExecutor, "_spawn_process", break_once)
     with LocalProcesses(2) as executor:
-        assert executor.map(abs, [-1, -2, -3]) == [1, 2, 3]
+        assert list(executor.map(abs, [-1, -2, -3])) == [1, 2, 3]
     assert len(starts) > 2
 
 

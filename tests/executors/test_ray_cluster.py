@@ -33,7 +33,7 @@ class TestRayCluster(ProcessesContract):
 def test_worker_with_other_sources_ends_the_run(cluster: RayCluster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ray_cluster, "__version__", "0.0.1")
     with pytest.raises(TaskFailed, match=r"worker on \S+: pacman_env [\d.]+, sources \w+; the command has 0\.0\.1"):
-        cluster.map(functions.double, [1])
+        list(cluster.map(functions.double, [1]))
 
 
 def test_rounds_on_ray_equal_rounds_in_process(

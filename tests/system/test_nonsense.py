@@ -59,7 +59,7 @@ def ask_and_leave(played: session.Session) -> None:
     node = played.observer
     for client, request in (
         (topics.START_GAME.client(node), Trigger.Request()),
-        (topics.NAVIGATE_TO_POSE.cancel_client(node), CancelGoal.Request()),  # all goals
+        (topics.cancel_client(node, topics.NAVIGATE_TO_POSE.name), CancelGoal.Request()),  # all goals
     ):
         played.within(lambda client=client, request=request: client.call_async(request))
         node.destroy_client(client)

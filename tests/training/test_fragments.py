@@ -1,6 +1,7 @@
 """A fragment depends on its part, its seed and the network, not on the thread that plays it."""
 
 import copy
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, How
 from pacman_env.training.planner_network import EntityNetwork
 from pacman_env.training.ppo import PPO
-from pacman_env.training.training_games import Part, make_ghost_parts, make_parts
+from pacman_env.training.training_games import Games, make_ghost_parts, make_parts
 from tests.training.planners import random_planner
 from tests.training.test_run_arguments import tiny
 
@@ -35,12 +36,12 @@ def content(fragment: Fragment) -> list[Any]:
     return [*(array.tobytes() for array in (*fragment.situations, *fragment[1:6])), fragment.endings, fragment.agreed]
 
 
-def planner_parts(tmp_path: Path) -> list[Part]:
+def planner_parts(tmp_path: Path) -> Sequence[Games]:
     pool = Opponents([BehaviourOpponent("arcade"), LearnedPlanner(random_planner(tmp_path))], [1.0, 2.0])
     return make_parts(ARGUMENTS, 0, pool)
 
 
-def played(parts: list[Part], executor: Executor, hows: tuple[How, ...], *seeds: int) -> list[list[Any]]:
+def played(parts: Sequence[Games], executor: Executor, hows: tuple[How, ...], *seeds: int) -> list[list[Any]]:
     """Play several fragments with each seed; return their contents."""
     found, games, model = [], Collector(parts, executor), network()
     for seed in seeds:
@@ -51,7 +52,7 @@ def played(parts: list[Part], executor: Executor, hows: tuple[How, ...], *seeds:
 
 def test_threads_do_not_change_a_bit(tmp_path: Path) -> None:
     ghosts = make_ghost_parts(tiny(ghosts=["learned"], games=4, n_steps=8, levels=2, league_every=1), 0, Nearest())
-    cases: list[tuple[list[Part], tuple[How, ...]]]
+    cases: list[tuple[Sequence[Games], tuple[How, ...]]]
     cases = [(planner_parts(tmp_path), ("taught", "labelled", "drawn")), (ghosts, ("drawn", "drawn"))]
     with InThreads(3) as threads:
         for parts, hows in cases:

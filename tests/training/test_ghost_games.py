@@ -29,7 +29,7 @@ def begun(count: int, seed: int = 5) -> GhostGames:
 
 
 def made(segment: int = 0) -> list[GhostGames]:
-    return [part.make() for part in make_ghost_parts(ARGUMENTS, segment, ROBOT())]  # type: ignore[misc]
+    return make_ghost_parts(ARGUMENTS, segment, ROBOT())
 
 
 def count(games: GhostGames) -> int:

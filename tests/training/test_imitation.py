@@ -1,5 +1,6 @@
 """Imitation: the network comes to choose as the rule does, and to know what the rule's rounds are worth."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,8 @@ from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
-from pacman_env.training.planner_network import PackedSituations
 from pacman_env.training.ppo import PPO, discounted, imitate
-from pacman_env.training.training_games import Games, PlannerGames, PlannerPart, dropped, make_parts
+from pacman_env.training.training_games import Games, PlannerGames, dropped, make_parts
 from tests.training.test_run_arguments import tiny
 
 
@@ -37,9 +37,7 @@ def taught(decisions: int, seed: int = 1, weights: int = 0) -> tuple[PPO, dict[s
 def agreement(model: PPO) -> float:
     """With the rule, in situations that the rule meets in other houses."""
     found = []
-    for part in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
-        assert isinstance(part, PlannerPart)
-        games = part.make()
+    for games in make_parts(tiny(games=8, n_steps=8, levels=4), 1):
         observation = games.reset(4)
         games.begin_teaching()
         for _ in range(60):
@@ -64,9 +62,8 @@ def test_labels_are_choices_of_the_lineup_teacher() -> None:
         "wander,wander": make_policy("lookahead"),
     }
     differ = 0
-    for part in make_parts(arguments, 0):
-        assert isinstance(part, PlannerPart)
-        games, teacher, rule = part.make(), teachers[part.lineup], make_policy("lookahead")
+    for games in make_parts(arguments, 0):
+        teacher, rule = teachers[games.lineup], make_policy("lookahead")
         games.reset(0)
         games.begin_teaching()
         for one in (teacher, rule):
@@ -108,7 +105,7 @@ def test_discounted_returns_match_hand_computed_values() -> None:
     assert returns.dtype == known.dtype == np.float32
 
 
-def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._Labels]:
+def labels(model: PPO, games: Games, kind: str) -> ppo._Labels:
     """Where the teacher always chooses a candidate of a kind, and no return is known."""
     observation = games.reset(0)
     column = CANDIDATE_FEATURES.index(kind)
@@ -117,17 +114,19 @@ def labels(model: PPO, games: Games, kind: str) -> tuple[PackedSituations, ppo._
     met, _ = choose(model.network, observation)
     slots = (met.order == torch.from_numpy(choices)[:, None]).byte().argmax(dim=1)
     nothing = torch.zeros(len(choices))
-    return met.situations, ppo._Labels(slots, nothing, nothing)
+    return ppo._Labels(met.situations, slots, nothing, nothing)
 
 
 @pytest.mark.parametrize(("kind", "learns"), [("is_refuge", False), ("is_pellet", True)])
 def test_labels_forbidden_by_ablation_teach_nothing(kind: str, learns: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ppo, "_ENTROPY", 0.0)
-    games = make_parts(tiny(), 0)[0].make()
+    games = make_parts(tiny(), 0)[0]
     model = pupil(**dropped(tiny(without=("refuges",))))
     before = {name: value.clone() for name, value in model.network.state_dict().items()}
     optimizer = torch.optim.Adam(model.network.parameters(), lr=1e-3)
-    ppo._fit(model, optimizer, *labels(model, games, kind), torch.Generator().manual_seed(0))
+    met = labels(model, games, kind)
+    fit, generator = partial(met.make_loss, model.network), torch.Generator().manual_seed(0)
+    model.descend(optimizer, fit, met.situations.counts, epochs=2, size=2048, generator=generator)
     same = all(torch.equal(value, before[name]) for name, value in model.network.state_dict().items())
     assert same != learns
 

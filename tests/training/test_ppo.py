@@ -120,7 +120,7 @@ def test_rollout_stores_choices_probabilities_and_values_of_network(monkeypatch:
 @pytest.fixture(scope="module")
 def met() -> Observation:
     """Observations of many games on their way."""
-    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0].make()
+    rng, env = np.random.default_rng(0), make_parts(tiny(**SMALL), 0)[0]
     seen = [env.reset(0)]
     for _ in range(90):
         seen.append(env.step(random_choices(seen[-1]["action_mask"], rng)).observation)
@@ -154,7 +154,7 @@ def test_choice_without_generator_has_highest_logit(met: Observation) -> None:
 
 def test_choices_are_drawn_with_probabilities_of_network() -> None:
     model = PPO(HYPER, 0)
-    first = make_parts(tiny(**SMALL), 0)[0].make().reset(3)
+    first = make_parts(tiny(**SMALL), 0)[0].reset(3)
     observation = {key: np.repeat(array[:1], 20000, axis=0) for key, array in first.items()}
     model.network.judge.weight.data.mul_(100.0)
     choices, actions = choose(model.network, observation, torch.Generator().manual_seed(0))

@@ -31,7 +31,7 @@ from tests.training.test_run_arguments import tiny
 
 
 def parts_of(arguments: Arguments, segment: int = 0, **changes: Any) -> list[PacManBotVecEnv]:
-    return [part.make().env for part in make_parts(arguments, segment, **changes)]
+    return [part.env for part in make_parts(arguments, segment, **changes)]
 
 
 def levels(arguments: Arguments, segment: int) -> range:
@@ -108,8 +108,8 @@ def test_each_part_has_own_policy_for_learned_ghost() -> None:
     arguments = tiny(ghosts=["wander", "wander,learned"], games=4, levels=4, league_every=1)
     parts = make_parts(arguments, 0, Nearest())
     places, lineups = [], []
-    for part in parts:
-        games, rng = part.make(), np.random.default_rng(0)
+    for games in parts:
+        rng = np.random.default_rng(0)
         observation = games.reset(0)
         for _ in range(5):
             observation = games.step(random_choices(observation["action_mask"], rng)).observation

@@ -7,6 +7,7 @@ from typing import Any
 import httpx
 import pytest
 
+from pacman_env.web import routes
 from pacman_env.web.server import WebServer
 from tests.web.browser import axe, chromium, page_server, simulated, visit  # noqa: F401 - fixtures
 from tests.web.pages import FILES
@@ -36,17 +37,18 @@ def server(serve: Callable[..., WebServer], game: ScriptedGame) -> WebServer:
 
 
 @pytest.fixture
-def serve(tmp_path: Path, lines: list[str]) -> Iterator[Callable[..., WebServer]]:
+def serve(tmp_path: Path, lines: list[str], monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., WebServer]]:
     """Starts a server over a game."""
     folder = tmp_path / "static"
     folder.mkdir()
     for name, content in FILES.items():
         (folder / name).write_bytes(content)
     (tmp_path / "secret.js").write_text("secret")
+    monkeypatch.setattr(routes, "STATIC", folder)
     started: list[WebServer] = []
 
     def start(game: Any, **settings: Any) -> WebServer:
-        server = WebServer(game, **{"static": folder, "write": lines.append, **settings})
+        server = WebServer(game, **{"write": lines.append, **settings})
         started.append(server)
         server.start()
         return server

@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import unix_connect
 from websockets.typing import Origin
 
-from pacman_env.web.routes import MOST_UPLOAD, STATIC
+from pacman_env.web.routes import MOST_UPLOAD
 from pacman_env.web.server import WebServer
 from tests.waiting import wait_for
 from tests.web.scripted_game import ScriptedGame
@@ -37,7 +37,7 @@ def proxied(request: pytest.FixtureRequest) -> Iterator[tuple[WebServer, str]]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))  # short: a socket's name is bounded
         folder.chmod(0o755)
-        server = stack.enter_context(WebServer(ScriptedGame(), names=[PAGE], static=STATIC, write=lambda _: None))
+        server = stack.enter_context(WebServer(ScriptedGame(), names=[PAGE], write=lambda _: None))
         lines = location[1].replace("127.0.0.1:8000", f"127.0.0.1:{server.port}{path}")
         lines = lines.replace("}", f"proxy_set_header Host {host}; }}") if host else lines
         folders = "".join(

@@ -1,7 +1,7 @@
 """Compare policies in the same rounds: ``pacman-env compare``.
 
 ``cells`` chooses the rounds, ``rounds`` plays, stores and summarizes them, ``results`` describes them as plain data.
-``table``, ``plot``, ``league``, ``heat_map``, ``page`` and ``evaluation.replay`` show the results.
+``text_table``, ``plot``, ``league_table``, ``heat_map``, ``html_page`` and ``evaluation.replay`` show the results.
 """
 
 import argparse

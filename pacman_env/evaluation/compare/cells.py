@@ -86,16 +86,12 @@ def read_suites(path: Path) -> dict[str, Suite]:
     return {str(name): _checked(str(name), values, path) for name, values in content.items()}
 
 
-def choose_suite(path: Path, name: str) -> Suite:
-    """Return one suite of a file; raises ValueError for an unknown name or an invalid file."""
+def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
+    path, name = arguments.suites or SUITES, arguments.suite
     suites = read_suites(path)
     if name not in suites:
         raise ValueError(f"{path}: no suite {name!r}: {suggest(name, suites)}")
-    return suites[name]
-
-
-def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
-    suite = choose_suite(arguments.suites or SUITES, arguments.suite)
+    suite = suites[name]
     if arguments.clyde_speed != [ClydeConfig.speed_mps]:
         raise ValueError("--clyde-speed: must not be combined with --suite, whose cells have speeds")
     given = scenarios.from_arguments(arguments)
@@ -104,7 +100,7 @@ def _suite_cells(arguments: argparse.Namespace) -> list[Cell]:
     changed = scenarios.rule_changes(arguments)
     for field in (*_OWN, *suite.settings):
         if field in changed or (field == "endless" and arguments.endless):
-            raise ConfigError(f"{field}: is set by --suite {arguments.suite}")
+            raise ConfigError(f"{field}: is set by --suite {name}")
     base = scenarios.game_configs(arguments)[0]
     configs = [
         base.with_fields(**{**suite.settings, _GHOSTS: ghosts, _SPEED: speed})

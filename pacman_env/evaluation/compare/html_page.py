@@ -11,7 +11,7 @@ from markupsafe import Markup, escape
 from pacman_env.evaluation.compare import league_table
 from pacman_env.evaluation.compare.heat_map import draw
 from pacman_env.evaluation.compare.results import replay_command
-from pacman_env.evaluation.compare.text_table import group_title, groups, meaning, table_of, verdict
+from pacman_env.evaluation.compare.text_table import TextTable, group_title, groups, meaning, table_of, verdict
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.evaluation.templates import render
 from pacman_env.game.ends import ENDS
@@ -32,7 +32,7 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
         title, lead = f"League table of the suite {content['suite']}", league_table.headline(rows)
     else:
         power = content["config"]["power"]["pellets"] > 0
-        sections = [_section(group, power=power) for group in groups(rows)]
+        sections = [_section(group_title(g[0]), verdict(g), table_of(g, power=power)) for g in groups(rows)]
         about = meaning(rows, power=power)
         title, lead = "Policies in the same rounds", sections[0]["lead"] if len(sections) == 1 else ""
     return render(
@@ -54,24 +54,15 @@ def render_page(content: dict[str, Any], plot: Path | None, film: Path | None, p
     )
 
 
-def _section(group: list[Row], *, power: bool) -> dict[str, Any]:
-    head, lines = table_of(group, power=power)
-    return {
-        "title": group_title(group[0]),
-        "lead": verdict(group),
-        "head": head,
-        "rows": lines,
-        "align": "l" + "r" * len(head),
-    }
+def _section(title: str, lead: str, table: TextTable) -> dict[str, Any]:
+    return {"title": title, "lead": lead, **table._asdict()}
 
 
 def _league_sections(content: dict[str, Any]) -> Iterator[dict[str, Any]]:
     rows = content["rows"]
-    means, about = league_table.means(rows), league_table.ABOUT_MEANS
-    yield {"title": "Summary", "lead": about, "head": means.head, "rows": means.rows, "align": means.align}
+    yield _section("Summary", league_table.ABOUT_MEANS, league_table.means(rows))
     for name, cells in league_table.groups_of(rows).items():
-        table, lead = league_table.cell_table(cells), league_table.about_group(content, cells[0])
-        yield {"title": name.capitalize(), "lead": lead, "head": table.head, "rows": table.rows, "align": table.align}
+        yield _section(name.capitalize(), league_table.about_group(content, cells[0]), league_table.cell_table(cells))
 
 
 def _pair(content: dict[str, Any]) -> dict[str, Any] | None:

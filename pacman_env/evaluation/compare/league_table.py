@@ -2,9 +2,9 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
-from pacman_env.evaluation.compare.text_table import padded, percent, with_interval
+from pacman_env.evaluation.compare.text_table import TextTable, percent, with_interval
 from pacman_env.evaluation.rounds.summary import LEAST_ROUNDS, Row
 
 MEANING = f"""\
@@ -21,14 +21,6 @@ brackets are 95 % intervals.
   them by the others, and is too high on average. One number is shown if both agree.
 
 The JSON has more for every policy: intervals, how rounds ended, pellets, and the length of completed rounds."""
-
-
-class LeagueTable(NamedTuple):
-    """Texts of a table; ``align`` contains l or r for each column."""
-
-    head: Sequence[str]
-    align: str
-    rows: Sequence[Sequence[str]]
 
 
 def cells_of(rows: Sequence[Row]) -> list[list[Row]]:
@@ -74,7 +66,7 @@ def against_best(cell: Sequence[Row]) -> tuple[str, str]:
 ABOUT_MEANS = "Completion over all cells of a group, each cell counting the same, and the cell in which it is least:"
 
 
-def means(rows: Sequence[Row]) -> LeagueTable:
+def means(rows: Sequence[Row]) -> TextTable:
     """Return a table with the mean and the lowest completion rate of each policy in each group of maps.
 
     Every cell (a line-up of ghosts at one speed) counts equally. The table also names the cell of the lowest rate.
@@ -86,10 +78,10 @@ def means(rows: Sequence[Row]) -> LeagueTable:
             least = min(of_policy, key=lambda row: row["completion_rate"])
             mean, lowest = percent(sum(rates) / len(rates)), percent(least["completion_rate"])
             texts.append((group, f"`{least['policy']}`", mean, lowest, place_of(least)))
-    return LeagueTable(("maps", "policy", "mean", "least", "in"), "llrrl", texts)
+    return TextTable(("maps", "policy", "mean", "least", "in"), "llrrl", texts)
 
 
-def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
+def cell_table(cells: Sequence[Sequence[Row]]) -> TextTable:
     """Return a table of one group's cells: completion rates of all policies, and the verdict on the first policy."""
     names = [f"`{row['policy']}`" for row in cells[0]]
     compared = len(names) > 1
@@ -101,7 +93,7 @@ def cell_table(cells: Sequence[Sequence[Row]]) -> LeagueTable:
             texts.append(f"{f'**{verdict}**' if verdict == 'WORSE' else verdict}: {difference}")
         rows.append([*texts, _worst(cell[0]["worst_tenth"])])
     head = ["ghosts", "m/s", *names, *([f"{names[0]} against the best other"] if compared else []), "worst tenth"]
-    return LeagueTable(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
+    return TextTable(head, "lr" + "r" * len(names) + "l" * compared + "r", rows)
 
 
 def about_group(content: dict[str, Any], cell: Sequence[Row]) -> str:
@@ -143,18 +135,18 @@ def render(content: dict[str, Any], picture: str) -> str:
         *("# League table", made, f"```bash\n{content['command']}\n```", "## Summary", *summary(rows)),
         f"![Completion of every policy, by ghosts and speed]({picture})",
         *("## What the numbers are", MEANING, *tables(content), "## How it was made"),
-        markdown(LeagueTable(("policy", "file's SHA-256"), "ll", files)),
+        markdown(TextTable(("policy", "file's SHA-256"), "ll", files)),
         *(["A + means changes that were not committed."] if dirty else []),
         "Maps and their hashes; of generated levels that of the first:",
-        markdown(LeagueTable(("map", "hash"), "ll", places)),
+        markdown(TextTable(("map", "hash"), "ll", places)),
     ]
     return "\n\n".join(blocks) + "\n"
 
 
-def markdown(table: LeagueTable) -> str:
+def markdown(table: TextTable) -> str:
     """Return the table as Markdown, whose source text has aligned columns."""
     clean = [[cell.replace("|", "\\|") for cell in row] for row in table.rows]
-    head, *rows = padded([table.head, *clean], table.align, least=3)
+    head, *rows = table._replace(rows=clean).padded(least=3)
     rule = ["-" * (len(cell) - 1) + ("-" if side == "l" else ":") for cell, side in zip(head, table.align, strict=True)]
     return "\n".join(f"| {' | '.join(line)} |" for line in (head, rule, *rows))
 

@@ -3,6 +3,7 @@
 import itertools
 import textwrap
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from pacman_env.evaluation.rounds.summary import Row
 from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, TIMEOUT
@@ -13,9 +14,26 @@ _NAME_WIDTH = 22
 _Cell = Callable[[Row], str]
 
 
-def short_name(policy: str, width: int = _NAME_WIDTH) -> str:
-    """Return a policy's name; of a long path, only the end, in ``width`` characters."""
-    return policy if len(policy) <= width else "…" + policy[1 - width :]
+class TextTable(NamedTuple):
+    """Texts of a table; ``align`` contains l or r for each column."""
+
+    head: Sequence[str]
+    align: str
+    rows: Sequence[Sequence[str]]
+
+    def padded(self, least: int = 0) -> list[list[str]]:
+        """Return head and rows with cells of the same width in each column, at least ``least`` characters."""
+        widths = [max(least, *map(len, column)) for column in zip(self.head, *self.rows, strict=True)]
+        aligned = [str.ljust if side == "l" else str.rjust for side in self.align]
+        return [
+            [align(cell, width) for align, cell, width in zip(aligned, line, widths, strict=True)]
+            for line in (self.head, *self.rows)
+        ]
+
+
+def short_name(policy: str) -> str:
+    """Return a policy's name; of a long path, only the end, in 22 characters."""
+    return policy if len(policy) <= _NAME_WIDTH else "…" + policy[1 - _NAME_WIDTH :]
 
 
 def groups(rows: Sequence[Row]) -> list[list[Row]]:
@@ -37,7 +55,8 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
     power pellets) adds a column with the caught ghosts.
     """
     tables = [table_of(group, power=power) for group in groups(rows)]
-    header, *texts = padded([tables[0][0], *itertools.chain.from_iterable(cells for _, cells in tables)])
+    cells = [line for table in tables for line in table.rows]
+    header, *texts = tables[0]._replace(rows=cells).padded()
     bands: list[list[int]] = [[]]  # columns printed next to each other, without the column of policies
     for column in range(1, len(header)):
         if bands[-1] and sum(len(header[k]) + 2 for k in (*bands[-1], column)) + len(header[0]) > width:
@@ -55,29 +74,13 @@ def render(rows: Sequence[Row], width: int = WIDTH, *, power: bool = False) -> s
     return "\n".join([*lines, *textwrap.wrap(meaning(rows, power=power), min(width, WIDTH))])
 
 
-def padded(lines: Sequence[Sequence[str]], align: str = "", least: int = 0) -> list[list[str]]:
-    """Pad the cells of a table so that the cells of each column have the same width, at least ``least`` characters.
-
-    ``align`` contains l or r for each column; without it only the first column is aligned to the left.
-    """
-    widths = [max(least, *map(len, column)) for column in zip(*lines, strict=True)]
-    sides = align or "l".ljust(len(widths), "r")
-    return [
-        [
-            cell.ljust(width) if side == "l" else cell.rjust(width)
-            for cell, width, side in zip(line, widths, sides, strict=True)
-        ]
-        for line in lines
-    ]
-
-
-def table_of(group: Sequence[Row], *, power: bool = False) -> tuple[list[str], list[list[str]]]:
-    """Return the header and the lines of the table of one map and speed; the first column contains the policies."""
+def table_of(group: Sequence[Row], *, power: bool = False) -> TextTable:
+    """Return the table of one map and speed; the first column contains the policies."""
     columns = {
         **_POLICY, **(_ENDLESS if group[0]["kind"] == "endless" else _ROUND), **(_GHOSTS if power else {}), **_ENDS
     }  # fmt: skip
     lines = [[*(cell(row) for cell in columns.values()), _difference(row, k == 0)] for k, row in enumerate(group)]
-    return [*columns, "difference"], lines
+    return TextTable([*columns, "difference"], "l" + "r" * len(columns), lines)
 
 
 def meaning(rows: Sequence[Row], *, power: bool = False) -> str:

@@ -125,21 +125,8 @@ def describe_scenario(name: str, scenario: Scenario | OccupancyMap, config: Conf
     about: dict[str, Any] = {"name": name, "hash": open_scenario(scenario, config).first.occupancy.hash}
     if not isinstance(scenario, Levels):
         return about | {"source": scenario}
-    maps = scenario.open(config)
-    return (
-        about
-        | {"source": f"generated:{scenario.split}"}
-        | {"start_level": maps.start_level, "num_levels": maps.num_levels}
-    )
-
-
-def add_scenario_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
-    """Add the arguments of :func:`from_arguments`; with ``several`` more than one map may be given."""
-    add = parser.add_argument
-    add_game_option(parser, "--map", nargs="+" if several else 1, default=[], help=f"{SIMULATED_MAP} (house)")
-    first = f"first of the generated houses (generated: 0, generated:test: {TEST_LEVEL})"
-    add("--start-level", type=whole_number(0), metavar="N", help=first)
-    add("--num-levels", type=whole_number(1), metavar="N", help=f"how many of them ({LEVELS_PLAYED})")
+    maps, source = scenario.open(config), f"generated:{scenario.split}"
+    return about | {"source": source, "start_level": maps.start_level, "num_levels": maps.num_levels}
 
 
 def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
@@ -159,14 +146,6 @@ def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     return wanted
 
 
-def add_rule_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add ``--preset``, ``--execution`` and ``--set``, for every field except Clyde's speed."""
-    add_game_option(parser, "--preset")
-    executions, text = sorted(EXECUTIONS), "how goals are executed (%(default)s)"
-    parser.add_argument("--execution", choices=executions, default="robust", help=text)
-    add_game_option(parser, "--set")
-
-
 #: By option of :func:`add_game_arguments` whose default is None: the field of the configuration that it sets.
 GAME_FIELDS = {
     "clyde_spawn": "clyde.spawn",
@@ -179,20 +158,22 @@ GAME_FIELDS = {
 
 def add_game_arguments(parser: argparse.ArgumentParser, *, several: bool) -> None:
     """Add the arguments for scenarios and rules; without ``several``, --map and --clyde-speed take one value each."""
-    add_scenario_arguments(parser, several=several)
-    add_rule_arguments(parser)
-    add = parser.add_argument
-    add_game_option(parser, "--clyde-speed", nargs="+" if several else 1, default=[ClydeConfig.speed_mps])
+    add, number = parser.add_argument, "+" if several else 1
+    add_game_option(parser, "--map", nargs=number, default=[], help=f"{SIMULATED_MAP} (house)")
+    first = f"first of the generated houses (generated: 0, generated:test: {TEST_LEVEL})"
+    add("--start-level", type=whole_number(0), metavar="N", help=first)
+    add("--num-levels", type=whole_number(1), metavar="N", help=f"how many of them ({LEVELS_PLAYED})")
+    add_game_option(parser, "--preset")
+    executions, text = sorted(EXECUTIONS), "how goals are executed (%(default)s)"
+    add("--execution", choices=executions, default="robust", help=text)
+    add_game_option(parser, "--set")
+    add_game_option(parser, "--clyde-speed", nargs=number, default=[ClydeConfig.speed_mps])
     add("--clyde-spawn", choices=("connected", "anywhere"), help="Clyde's cells at the start (preset's)")
     add("--clyde-spawn-distance", type=finite_number(), metavar="M", help="from the robot, at least, m (preset's)")
     add("--spacing", type=finite_number(), metavar="M", help="of the pellets, m (preset's)")
     add("--time-limit", type=finite_number(), metavar="S", help="of a round, s (preset's)")
-    add(
-        "--endless",
-        action="store_true",
-        default=None,
-        help="round after round, Clyde faster each time, until the robot is caught",
-    )
+    endless = "round after round, Clyde faster each time, until the robot is caught"
+    add("--endless", action="store_true", default=None, help=endless)
 
 
 def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -200,12 +181,6 @@ def rule_changes(arguments: argparse.Namespace) -> dict[str, Any]:
     if "clyde.speed_mps" in changes:
         raise ConfigError("clyde.speed_mps: give it as --clyde-speed")
     return changes
-
-
-def check_speed(config: Config) -> None:
-    """Raise ConfigError if a game draws Clyde's speed: results are labelled with the speed of ``--clyde-speed``."""
-    drawn = config.randomize.clyde_speed_mps
-    require(drawn is None, "randomize.clyde_speed_mps", drawn, "must be None, the speed is that of --clyde-speed")
 
 
 def check_goals(config: Config) -> None:
@@ -227,7 +202,8 @@ def game_configs(arguments: argparse.Namespace) -> list[Config]:
     rules = {"preset": arguments.preset, "execution": arguments.execution, **changes}
     configs = [make_config(**rules, **{"clyde.speed_mps": speed}) for speed in speeds]
     check_goals(configs[0])
-    check_speed(configs[0])
+    drawn = configs[0].randomize.clyde_speed_mps  # results are labelled with the speed of --clyde-speed
+    require(drawn is None, "randomize.clyde_speed_mps", drawn, "must be None, the speed is that of --clyde-speed")
     return configs
 
 

@@ -66,11 +66,6 @@ def make_row(
     return row | (_outcomes(parts[0], endless) if len(parts) == 1 else {})
 
 
-def compare_completion(ours: Sequence[NDArray], theirs: Sequence[NDArray]) -> tuple[float, Interval]:
-    """Return our completion rate minus theirs in rounds with the same seeds, and the interval of the difference."""
-    return paired_difference(*(np.concatenate(parts)["end"] == COMPLETE for parts in (ours, theirs)))
-
-
 def worst_tenth(parts: Sequence[NDArray]) -> Row | None:
     """Return the mean completion of the worst tenth of levels, or of maps if there are several ``parts``.
 
@@ -105,7 +100,9 @@ def of_rounds(parts: Sequence[NDArray], others: Sequence[NDArray] | None = None)
     """Return the fields of a row of kind ``round``, from the records (E,) on each map."""
     records = np.concatenate(parts)
     complete = records["end"] == COMPLETE
-    difference, interval = (0.0, (0.0, 0.0)) if others is None else compare_completion(parts, others)
+    difference, interval = 0.0, (0.0, 0.0)
+    if others is not None:
+        difference, interval = paired_difference(complete, np.concatenate(others)["end"] == COMPLETE)
     return {
         **_rate("completion", complete),
         **_rate("all_but_one", records["collected"] >= records["spawned"] - 1),

@@ -4,7 +4,7 @@ Nodes are stored in layers by time. The best nodes of each layer are continued; 
 pellets only the best one. The value of a node is the worth of its collected pellets (more for earlier ones), reduced if
 a ghost came near, for a long way to the next pellet, and a little for a short lead. Its safety is the same number with
 the full reduction for a short lead; it counts at the end of the horizon. In all kernels ``s`` is a record of
-``SETTINGS`` and ``model`` a ``Model``.
+``SETTINGS`` (``search.py``) and ``model`` a ``Model``.
 """
 
 from typing import Any, NamedTuple
@@ -22,26 +22,6 @@ NODE = np.dtype(
         ("first", np.int32),  # index of the first choice
         ("value", np.float64),
         ("safety", np.float64),  # value with the full reduction for a short lead
-    ]
-)
-#: Settings of the search.
-SETTINGS = np.dtype(
-    [
-        ("width", np.int64),  # number of nodes of a layer that are continued
-        ("layers", np.int64),
-        ("layer_s", np.float64),
-        ("segment_s", np.float64),  # duration of a choice, unless its goal is reached before
-        ("pellets", np.int64),  # largest number of pellets, the nearest ones, among a node's goals ...
-        ("refuges", np.int64),  # ... and of refuges
-        ("pellet_worth", np.float64),
-        ("second_worth", np.float64),  # value of collecting a pellet a second earlier
-        ("completion_worth", np.float64),
-        ("lead_worth", np.float64),  # cost of no lead in a node's safety ...
-        ("lead_share", np.float64),  # ... and the share of this cost in its value
-        ("lead_m", np.float64),  # path length of a full lead, which costs nothing
-        ("metre_worth", np.float64),  # cost of each metre to the nearest remaining pellet
-        ("near_worth", np.float64),  # cost of a ghost at the robot, which falls to 0 at ``near_m``
-        ("near_m", np.float64),
     ]
 )
 DEAD = -1000.0  # value of a first choice that always leads to death; the seconds until death are added

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import BELIEVED, taken_for
 from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
-from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.base import BasePolicy, Policy, require_numbers
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse.model import Behaviours, Lags
 from pacman_env.sim.coarse.start import CoarseStart, draw_futures, start
 from pacman_env.sim.observation.situation import NearestCounts, Situation, nearest_candidates
 
-from .beam import NODE, SETTINGS, BeamMemory, new_memory, search
+from .beam import NODE, BeamMemory, new_memory, search
 
 _NARROWEST, _WIDEST = 4, 1024  # widths of a search with a time limit
 _MOST_SAMPLES = 16
@@ -30,7 +30,7 @@ class SearchParameters(NamedTuple):
     samples: int = 2  # number of random futures if a ghost is not predictable
     horizon_s: float = 48.0
     layer_s: float = 3.0
-    segment_s: float = 3.0
+    segment_s: float = 3.0  # duration of a choice, unless its goal is reached before
     pellets: int = 5  # goals of a node: nearest pellets ...
     refuges: int = 6  # ... and refuges
     pellet_worth: float = 10.0
@@ -62,18 +62,27 @@ class SearchParameters(NamedTuple):
     def settings(self) -> NDArray[Any]:
         """Return a record (1,) of SETTINGS without the width."""
         record = np.zeros(1, dtype=SETTINGS)
-        for name in set(SETTINGS.names or ()) & set(self._fields):
+        for name in set(SETTINGS.names or ()) - {"width"}:
             record[name] = getattr(self, name)
-        record["layers"] = self.layers
         return record
 
 
+#: Settings of the search: ``width``, the number of nodes of a layer that are continued, and the parameters of nodes.
+SETTINGS = np.dtype(
+    [
+        ("width", np.int64),
+        ("layers", np.int64),
+        *(
+            (name, np.int64 if kind is int else np.float64)
+            for name, kind in SearchParameters.__annotations__.items()
+            if name not in ("nodes", "samples", "seed")
+        ),
+    ]
+)
+
+
 def _check(p: SearchParameters) -> None:
-    above_0 = ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m")
-    for name, value in p._asdict().items():
-        if not 0 <= value < np.inf or (name in above_0 and value == 0):
-            least = "above" if name in above_0 else "at least"
-            raise ValueError(f"{name} = {value!r}: must be a finite number, {least} 0")
+    require_numbers(p._asdict(), ("nodes", "samples", "horizon_s", "layer_s", "segment_s", "lead_m", "near_m"))
     if not p.layer_s <= p.segment_s <= p.horizon_s:
         raise ValueError(f"segment_s = {p.segment_s}: must be layer_s = {p.layer_s} to horizon_s = {p.horizon_s}")
     if p.samples > _MOST_SAMPLES:

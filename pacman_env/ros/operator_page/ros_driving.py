@@ -118,8 +118,8 @@ class RosDriving:
         self.wheels = Wheels(self._publish_velocity, self._surroundings.monotonic, own_thread=not lock_step)
         if lock_step:
             node.create_timer(PERIOD_S, self.wheels.beat, clock=self._surroundings.clock())
-        self._cancellers = [topics.NAVIGATE_TO_POSE.cancel_client(node)]
-        self._cancellers += [topics.motion_canceller(node, name) for name in topics.MOTIONS]
+        names = (topics.NAVIGATE_TO_POSE.name, *topics.MOTIONS)
+        self._cancellers = [topics.cancel_client(node, name) for name in names]
         self._publishers = {what: topic.publisher(node) for what, (_, topic) in _SHOWN.items()}
         self._stop = OperatorStop(node, self._on_stop)
 

@@ -14,15 +14,14 @@ import rclpy
 from geometry_msgs.msg import PointStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rclpy.context import Context
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Header
 
 from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
-from pacman_env.ros.game_nodes import QUIET, REFEREE, SELECTOR, full_namespace
+from pacman_env.ros.game_nodes import REFEREE, SELECTOR, full_namespace
 from pacman_env.ros.message_conversion import pose_message
-from pacman_env.ros.node import event_executor
+from pacman_env.ros.node import event_executor, own_context
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import RosDriving, require_word
 from pacman_env.ros.operator_page.ros_view import RosView
@@ -78,9 +77,7 @@ class RosGame:
         self._context: Context | None = None
         options: dict[str, Any] = {}
         if not lock_step:
-            self._context = Context()
-            words, no_signals = ["--ros-args", *QUIET], SignalHandlerOptions.NO
-            rclpy.init(args=words, context=self._context, domain_id=domain, signal_handler_options=no_signals)
+            self._context = own_context(domain)
             options = {"namespace": namespace, "context": self._context}
         self.node = node = PageNode(sim, self._news, **options)
         self._view = RosView(node, f"{namespace}, ROS domain {domain}", self._news)

@@ -21,7 +21,7 @@ from pacman_env.ros.supervisor.checks.check import RESTART_GAME, START_AGAIN
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, thinned
 from pacman_env.web.game_interface import News, Scene
-from pacman_env.web.scene import scene_facts
+from pacman_env.web.vocabulary import scene_facts
 
 
 class RosView:

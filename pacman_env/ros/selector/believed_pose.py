@@ -89,7 +89,7 @@ class BelievedPose:
 
     def at(self, now_s: float) -> Belief | None:
         """Return the best pose; None if there are neither fresh transforms nor a latched pose."""
-        base = self._in_map()
+        base = self._base_in(MAP)
         if base is not None and now_s - base[1] <= self._timeout_s:
             return Belief(base[0], self._velocity, max(0.0, now_s - base[1]), "tf")
         if self._latched is None:
@@ -102,7 +102,7 @@ class BelievedPose:
 
         It is 0 if no transform was ever received: the latched pose is then the only source.
         """
-        base = self._in_map()
+        base = self._base_in(MAP)
         since_s = self._first_s if base is None else base[1]
         return max(0.0, now_s - since_s)
 
@@ -116,9 +116,6 @@ class BelievedPose:
         if travelled is None or correction is None or correction.parent != MAP:
             return None
         return Chain(correction.pose, travelled[0], min(travelled[1], correction.received_s), self._stamp_s)
-
-    def _in_map(self) -> tuple[Pose, float] | None:
-        return self._base_in(MAP)
 
     def _base_in(self, top: str) -> tuple[Pose, float] | None:
         """Return the pose of the base in frame ``top``, and the arrival, s, of the oldest transform between them."""

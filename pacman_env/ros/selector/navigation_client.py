@@ -50,7 +50,7 @@ class NavigationClient:
         action = topics.NAVIGATE_TO_POSE
         # Not rclpy's ActionClient, which wakes the executor for each feedback: Nav2 sends 100 per second.
         self._sender, self._results = action.goal_client(node), action.result_client(node)
-        self._canceller = action.cancel_client(node)
+        self._canceller = topics.cancel_client(node, action.name)
         self._clients = (self._sender, self._results, self._canceller)
         self._feedback = MessageQueue(node, action.feedback, self._on_feedback)
         self._statuses = action.statuses.subscription(node, self._on_statuses)

@@ -109,10 +109,7 @@ class SimRobot(GameNode):
         self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
         if self._simulated:
-            self._owner = {"namespace": self.get_namespace(), "started": self.surroundings.process()}
-            self.listen(topics.CLOCK_OWNER, self._on_clock_owner, "bad clock owner")
-            self._owner_out = topics.CLOCK_OWNER.publisher(self)
-            self._owner_out.publish(String(data=json.dumps(self._owner)))
+            self._own_clock()
         self._sensors = Sensors(self, robot, self._stamp(), alone=not navigates, map_out=map_out)
         self._lightring = LIGHT_RING_SHOWN.publisher(self)
         self._lights = ""
@@ -125,6 +122,12 @@ class SimRobot(GameNode):
         self.create_timer(OTHERS_S, self._check_others, clock=self.surroundings.clock())
         x, y, heading = robot.pose
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
+
+    def _own_clock(self) -> None:
+        self._owner = {"namespace": self.get_namespace(), "started": self.surroundings.process()}
+        self.listen(topics.CLOCK_OWNER, self._on_clock_owner, "bad clock owner")
+        self._owner_out = topics.CLOCK_OWNER.publisher(self)
+        self._owner_out.publish(String(data=json.dumps(self._owner)))
 
     def _other_robot(self) -> str:
         """Return the reason why a simulated robot must not run here; empty if it may."""

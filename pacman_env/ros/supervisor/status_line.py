@@ -175,7 +175,7 @@ class StatusLine(ObserverNode):
         """Create publisher and client of ``halt`` early, so that they are discovered before it is called."""
         if self._cmd_vel is None:
             self._cmd_vel = topics.CMD_VEL.publisher(self)
-            self._cancel = topics.NAVIGATE_TO_POSE.cancel_client(self)
+            self._cancel = topics.cancel_client(self, topics.NAVIGATE_TO_POSE.name)
 
     def halt(self) -> None:
         """Cancel all goals in Nav2, whichever node sent them, and command zero velocity."""

@@ -158,7 +158,7 @@ def test_robot_survives_clients_that_have_gone(probe: Probe, system: System, mon
     map_yaml = rooms().save(system.folder / "rooms.yaml")
     process = system.start(module_of(SIMULATOR), map_yaml=map_yaml, use_sim_time=True, speed=10.0)
     for _ in range(12):
-        client = topics.NAVIGATE_TO_POSE.cancel_client(probe.node)
+        client = topics.cancel_client(probe.node, topics.NAVIGATE_TO_POSE.name)
         probe.wait_for(client.service_is_ready, what="the service that cancels goals")
         request = CancelGoal.Request()
         request.goal_info.goal_id.uuid = [7] * 16  # of no goal

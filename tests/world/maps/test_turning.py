@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.world.maps.occupancy import OccupancyMap, load_map
-from pacman_env.world.maps.turning import moves_cells, turned
+from pacman_env.world.maps.occupancy import OccupancyMap, load_map, moves_cells, turned
 
 
 @given(st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1), st.sampled_from(["trinary", "scale", "raw"]))

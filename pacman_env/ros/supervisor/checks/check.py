@@ -82,7 +82,7 @@ def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, CheckTime], T]:
     return lambda previous, message, arrival: read(message)
 
 
-def monitored(value: str, name: str, type_name: str, qos: str = "LATCHED") -> Source[Any]:
+def monitored(value: str, name: str, type_name: str) -> Source[Any]:
     """Return the source of the game monitor's value ``value``.
 
     The value's reader needs ROS and is therefore imported at the first message.
@@ -93,7 +93,7 @@ def monitored(value: str, name: str, type_name: str, qos: str = "LATCHED") -> So
 
         return MONITORED[value].read(message)
 
-    return Source(name, type_name, newest(read), qos)
+    return Source(name, type_name, newest(read), "LATCHED")
 
 
 @dataclass(frozen=True)
