@@ -112,6 +112,7 @@ def bare(map_source: str) -> Callable[[float], Rates]:
     """
     game: Any = Player((BOT, "make_vec", 64, "random", {}), map_source).game
     robot, space, step_s = game.config.robot, pymunk.Space(), game.config.physics_step_s
+    steps = round(game.config.execution.tick_s / step_s)
     space.collision_slop = 0.001  # m, as in the game
     for x0, y0, x1, y1 in game.batch.assets.grid.walls.tolist():
         space.add(pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0))
@@ -128,7 +129,7 @@ def bare(map_source: str) -> Callable[[float], Rates]:
     def rates(seconds: float) -> Rates:
         began, ticks = time.process_time(), 0
         while ticks == 0 or time.process_time() - began < seconds:
-            for _ in range(HELD * game.batch.substeps):
+            for _ in range(HELD * steps):
                 space.step(step_s)
             ticks += 64 * HELD
         rate = ticks / (time.process_time() - began)

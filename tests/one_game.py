@@ -52,7 +52,6 @@ class SimulatorSide:
         self.obstacles = np.array([[[99.0, 99.0, 0.0, 0.0, 0.0]]])
         levels = np.array([self.level.address])
         self.rules = kernels.RuleArrays(self.game, self.alive, self.waits, self.aborts, self.obstacles, self.p, levels)
-        self.decisions = np.zeros((1, 10_000), np.int16)
         self.began = self.game.copy()
         self.reset()
 
@@ -73,7 +72,7 @@ class SimulatorSide:
 
     def choose(self, candidate: int) -> None:
         if self.game["end"][0] == RUNNING:
-            kernels.decide(self.rules, 0, candidate, self.decisions)
+            kernels.decide(self.rules, 0, candidate)
 
     def accept(self) -> None:
         """The waiting goal becomes the one driven to."""

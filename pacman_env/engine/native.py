@@ -63,14 +63,15 @@ def call_pair(context, builder, signature, function, handle, other):  # type: ig
     _call(builder, function, ir.FunctionType(ir.VoidType(), [WORD] * 2), [handle, other])
 
 
-@operation(types.void, types.int64, types.int64, *[types.float64] * 4)
-def call_segment(context, builder, signature, function, handle, ax, ay, bx, by):  # type: ignore[no-untyped-def]
-    """Call ``void function(void *handle, cpVect a, cpVect b)`` by address.
+@operation(types.void, types.int64, types.int64, types.int64)
+def call_segment(context, builder, signature, function, handle, ends):  # type: ignore[no-untyped-def]
+    """Call ``void function(void *handle, cpVect a, cpVect b)`` by address, with the four doubles at ``ends``.
 
     A cpVect is two doubles; the calling conventions of Linux and macOS pass it like two arguments.
     """
-    kind = ir.FunctionType(ir.VoidType(), [WORD, *[ir.DoubleType()] * 4])
-    _call(builder, function, kind, [handle, ax, ay, bx, by])
+    kind, double = ir.FunctionType(ir.VoidType(), [WORD, *[ir.DoubleType()] * 4]), ir.DoubleType().as_pointer()
+    at = builder.inttoptr(ends, double)
+    _call(builder, function, kind, [handle, *(builder.load(cgutils.gep_inbounds(builder, at, k)) for k in range(4))])
 
 
 @operation(types.int64, types.int64, types.int64, types.int64, types.int64)

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
-from ...engine.arrays import Table, zeros
+from ...engine.arrays import Table
 from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
-from ...game.decisions import Moment
 from ...game.ends import COMPLETE
 from ...game.round import clyde_speed_mps
 from ...world.navigation.physics import Contacts
@@ -22,7 +21,7 @@ from ..maps.assets import MapAssets
 from ..maps.level_source import FixedMap, LevelSource
 from . import kernels, ticks
 from .game_levels import GameLevels
-from .ghost_state import Ghosts, spawn_ghost
+from .ghost_state import spawn_ghost
 from .parameters import (
     GAME,
     KEPT_FROM_ROUND_TO_ROUND,
@@ -32,27 +31,17 @@ from .parameters import (
     next_seeds,
     reward_record,
 )
+from .state import GameState
 
 ALL_TICKS = 2**62
-_OWN_RULES = "games", "alive", "waits", "aborts"  # fields of ``kernels.RuleArrays`` with a row for each game
 
 
-class GameBatch:
+class GameBatch(GameState):
     """N games under one configuration, on one shared map or on a separate map for each game.
 
     Arrays have one row per game, (N, ...); indices, seeds and levels of selected games have shape (M,). Candidates are
     ``pellet_slots`` pellets, ``refuge_slots`` refuges and hold, in this order; slots that the map does not use are
     padding.
-
-    Attributes:
-        rules: arrays by name, declared in :class:`kernels.RuleArrays`.
-        arrays: arrays by name, declared in :class:`ticks.TickArrays`.
-        games: (N,) records of type ``GAME``.
-        alive: (N, P) bool, the remaining pellets.
-        paths: (N, L, 2) m, the plans that the robots follow.
-        reward: (N,) since the last decision; with ``terminated``, ``truncated`` (N,) bool and ``elapsed_s`` (N,).
-        completed_s: (N,) duration in s of a round that was completed in the last step of an endless game, else 0.
-        summary: (len(SUMMARY), N) int64, written with each situation (``kernels.SUMMARY``).
     """
 
     def __init__(self, source: LevelSource | MapAssets, config: Config, n: int = 1, num_threads: int = 1) -> None:
@@ -65,29 +54,12 @@ class GameBatch:
         slots = most.pellets if config.max_pellets is None else config.max_pellets
         if slots < source.first.pellets:
             raise ConfigError(f"max_pellets = {slots}: the map has {source.first.pellets} pellets")
-        self.n, self.config = n, config
-        self.pellet_slots, self.refuge_slots = slots, most.refuges
-        self.hold = slots + most.refuges
-        self.candidates = self.hold + 1
+        super().__init__(n, config, slots, most.refuges)
         self.threads = Threads(num_threads)
         if self.threads.number > n:  # more threads would only idle, and each needs scratch memory
             self.threads = Threads(n)
         self._levels = GameLevels(source, config, n, self.threads)
         self.levels = self._levels.levels
-        self._make_arrays()
-
-    def _make_arrays(self) -> None:
-        n, config = self.n, self.config
-        self._ghosts = Ghosts(n, config)
-        self._ghosts.bind(self.levels, self.hold)
-        self.rules = zeros(kernels.RuleArrays, _OWN_RULES, N=n, P=self.pellet_slots, C=self.candidates)
-        self.games, self.alive = self.rules["games"], self.rules["alive"]
-        results = "reward", "elapsed_s", "terminated", "truncated"
-        self.arrays = zeros(ticks.TickArrays, ("last_decision", "paths", "choices", "velocities", *results), N=n)
-        self.paths = self.arrays["paths"]
-        self.reward, self.elapsed_s, self.terminated, self.truncated = (self.arrays[name] for name in results)
-        self.completed_s = np.zeros(n)
-        self.summary = np.zeros((len(kernels.SUMMARY), n), dtype=np.int64)
         resolution = self.source.first.grid.resolution
         self._parameters = batch_parameters(config, resolution, self.pellet_slots, self.refuge_slots)
         self._rewards = reward_record(config.reward, config.decisions.discount_per_s**config.execution.tick_s)
@@ -97,34 +69,9 @@ class GameBatch:
         self._tables: list[Table] = []  # a table for each thread, and what it refers to by address
         self._kept: list[tuple[Table, Contacts]] = []
         self._ticks = self.arrays["last_decision"]["ticks"]
+        self._ghosts.bind(self.levels, self.hold)
         shared = {"obstacles": self.obstacles, "parameters": self._parameters, "levels": self.levels.addresses}
         self.rule_arrays = kernels.RuleArrays(**self.rules, **shared)
-
-    @property
-    def ghosts(self) -> NDArray[Any]:
-        """Records (N, G) of type ``GHOST``."""
-        return self._ghosts.state
-
-    @property
-    def ghost_paths(self) -> NDArray[np.int32]:
-        """Cells (N, G, L) of each ghost's path."""
-        return self._ghosts.paths
-
-    @property
-    def obstacles(self) -> NDArray[np.float64]:
-        """Observed positions (m) and times of the ghosts (N, G, 5), see ``kernels.RuleArrays``."""
-        return self._ghosts.obstacles
-
-    @property
-    def bodies(self) -> NDArray[np.float64]:
-        """Positions (m) and velocities (m/s) of the robots' bodies (N, 4) after the last physics step."""
-        return np.stack([self.games[name] for name in ("body_x", "body_y", "body_vx", "body_vy")], axis=1)
-
-    def moment(self, game: int) -> Moment:
-        """Return the present moment of a game for :class:`~pacman_env.game.decisions.LastDecision`."""
-        g, time_s = self.games[game], float(self.games["tick"][game]) * self.config.execution.tick_s
-        news = int(g["round"]), int(g["collected"]), int(g["caught"])
-        return Moment(time_s, int(g["pursued"]), news, float(g["distance"]))
 
     @property
     def assets(self) -> MapAssets:
@@ -143,22 +90,17 @@ class GameBatch:
         """Announce the seeds of the next episodes, so that other threads prepare their levels during play."""
         self._levels.expect(seeds)
 
-    def _state(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays that a step reads and changes, by name; levels are by slot."""
-        ghosts = {f"ghost_{name}": getattr(self._ghosts, name) for name in ("state", "paths", "obstacles")}
-        return {**self.rules, **self.arrays, **ghosts, "completed_s": self.completed_s, "summary": self.summary}
-
     def __getstate__(self) -> dict[str, Any]:
         levels = np.where(np.array(self._levels.slots) < 0, -1, self.level_numbers())
         made_from = self.source, self.config, self.n, self.threads.number
-        return {"made_from": made_from, "levels": levels, "state": {k: a.copy() for k, a in self._state().items()}}
+        return {"made_from": made_from, "levels": levels, "state": {k: a.copy() for k, a in self.state().items()}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(*state["made_from"])  # type: ignore[misc]
         begun = np.flatnonzero(state["levels"] >= 0)
         if len(self.levels) > 1:
             self._levels.change(begun, state["levels"][begun])
-        for name, array in self._state().items():
+        for name, array in self.state().items():
             array[...] = state["state"][name]
         records = self.games[begun]
         self._levels.enter(begun, records)  # the slots can be others

@@ -12,7 +12,7 @@ from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.controller import refresh_heading
-from ...world.navigation.grid import build_grid
+from ...world.navigation.grid import DriveGrid, build_grid
 from ...world.navigation.localization import Pose, compose, inverse, relative, wrap
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from ...world.navigation.physics import Contacts
@@ -108,7 +108,7 @@ class SimulatedRobot:
             obstacles=np.zeros((1, 0, 5)),
             parameters=batch_parameters(config, grid.resolution, 1, 0),
             solver=self._contacts.solver,
-            search=self._search_memory(),
+            search=_search_memory(grid, self._longest_cm),
         )
         self._g = self._robot.games[0]
         x, y, heading = grid.home.tolist()
@@ -119,9 +119,6 @@ class SimulatedRobot:
         kernels.reset_robot(self._g, grid.home)
         self._g["clyde_x"], self._g["clyde_y"] = _FAR_M, _FAR_M
         self.localizing = localized
-
-    def _search_memory(self) -> SearchArrays:
-        return SearchArrays(*detour_memory(len(self.grid.cell), self._longest_cm, self.grid.resolution))
 
     @property
     def steps(self) -> int:
@@ -243,7 +240,7 @@ class SimulatedRobot:
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._robot = self._robot._replace(search=self._search_memory())
+                self._robot = self._robot._replace(search=_search_memory(grid, self._longest_cm))
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
@@ -336,6 +333,10 @@ class SimulatedRobot:
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
+
+
+def _search_memory(grid: DriveGrid, longest_cm: int) -> SearchArrays:
+    return SearchArrays(*detour_memory(len(grid.cell), longest_cm, grid.resolution))
 
 
 def place(robot: SimulatedRobot, pose: Pose, velocity: tuple[float, float]) -> None:

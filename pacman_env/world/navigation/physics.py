@@ -15,7 +15,7 @@ from pymunk.batch import BodyFields, Buffer
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel, table_kernel
-from ...engine.native import address_of_kernel, call_pair, call_range, call_segment, call_step, store_int
+from ...engine.native import address_of, address_of_kernel, call_pair, call_range, call_segment, call_step, store_int
 from .grid import cell_of
 from .localization import record_fields
 
@@ -116,7 +116,7 @@ def _contact_step(table, touched, unused):  # type: ignore[no-untyped-def]
     # Chipmunk's order of contacts depends on where its shapes were before, so all are added for this step only.
     call_pair(calls[_ADD], handles.space, handles.circle)
     for k in range(touched):
-        call_segment(calls[_SET_ENDS], a.segments[k], a.walls[k, 0], a.walls[k, 1], a.walls[k, 2], a.walls[k, 3])
+        call_segment(calls[_SET_ENDS], a.segments[k], address_of(a.walls[k]))
         call_pair(calls[_ADD], handles.space, a.segments[k])
     call_step(calls[_STEP], handles.space, handles.step_s)
     for k in range(touched):  # this also removes the contacts

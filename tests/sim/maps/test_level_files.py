@@ -62,7 +62,7 @@ def everything(level: Level) -> dict[str, Any]:
     assert steps is not None
     found = {name: array for name, array in level.arrays.items() if name != "later"}
     found |= steps.arrays | {f"coarse {k}": v for k, v in add_coarse_map(level).arrays.items()}
-    return found | {"facts": level.facts, "walls": level.walls}
+    return found | {"facts": level.facts}
 
 
 def same(one: Level, other: Level) -> bool:
