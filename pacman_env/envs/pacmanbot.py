@@ -8,6 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..game.ends import RUNNING
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
@@ -218,8 +219,11 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
             calls.insert(0, call)
             if calls[-1] is not call or guard.copying is not None:
                 guard.wait(call)
-            self._runner.require_reset(running=True)
-            reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
+            runner = self._runner
+            runner.require_reset()
+            if runner.batch.summary[0, 0] != RUNNING:
+                raise gym.error.ResetNeeded("the episode is over: call reset()")
+            reward, terminated, truncated = runner.step(checked_action(self.action_space, action)[None])
             if self.render_mode == "human":
                 self.render()
             observation, info = self._result()
@@ -232,4 +236,5 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
         return self._runner.masks()[0]
 
     def _result(self) -> tuple[Observation, dict[str, Any]]:
-        return self._runner.observe_game(), self._runner.info_of_game()
+        runner = self._runner
+        return runner.observation(first=True), runner.infos.of_first(runner.observer.allowed)

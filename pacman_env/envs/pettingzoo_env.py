@@ -124,12 +124,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return self._states()[0]
 
     def _result(self) -> tuple[Observations, Infos]:
-        observations, info = self._observe(), self._runner.info_of_game()
+        info = self._runner.infos.of_first(self._runner.observer.allowed)
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
-            for name, mask in self._ghost_masks.items():
-                infos[name][MASK] = mask[0].astype(np.int8)
-        return {agent: self._runner.of_game(observation, 0) for agent, observation in observations.items()}, infos
+            for name, mask in self._ghost_masks().items():
+                infos[name][MASK] = mask[0].copy()
+        return self._observations(first=True), infos
 
 
 class _InTurn(Guarded, parallel_to_aec_wrapper):

@@ -119,7 +119,7 @@ class ManyGames(BaseEnv):
         """
         last = np.full(self.num_envs, None, dtype=object)
         for i in ended.tolist():
-            last[i] = deepcopy(self._runner.of_game(observations, i))
+            last[i] = deepcopy(of_game(observations, i))
         return last
 
     def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:
@@ -138,6 +138,13 @@ class ManyGames(BaseEnv):
             self._next[i] = seed
         batch.expect(following)
         return seeds
+
+
+def of_game(observation: Any, game: int) -> Any:
+    """Return one game's part of an observation of all games."""
+    if isinstance(observation, dict):
+        return {key: of_game(part, game) for key, part in observation.items()}
+    return observation[game]
 
 
 def checked_seed(seed: Any) -> int | None:

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from tests.envs.adapters import CASES, episodes, made, play
 from tests.envs.cases import AXES, PAIRWISE, RANGES
 from tests.envs.helpers import arrays, same
