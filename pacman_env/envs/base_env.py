@@ -71,8 +71,9 @@ class BaseEnv(Guarded):
     @property
     @shared
     def situation(self) -> Situation:
-        """Return the situation of each game, as policies of this package read it; raises ResetNeeded before a reset."""
-        return self._runner.situation
+        """Return a copy of the situation of each game, as policies read it; raises ResetNeeded before a reset."""
+        self._runner.require_reset()
+        return self._runner.observer.situation.copy()
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
@@ -99,7 +100,8 @@ class BaseEnv(Guarded):
 
     @shared
     def _masks(self) -> NDArray[np.bool_]:
-        return self._runner.masks()
+        self._runner.require_reset()
+        return self._runner.observer.allowed != 0
 
     def _pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) uint8 per game, or None without a render mode."""

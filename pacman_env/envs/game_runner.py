@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..engine.pipeline import Stage
 from ..episodes.decisions import ghost_choices, play_until_due
-from ..policies.base import Flags, Indices, Policy
+from ..policies.base import Indices
 from ..sim.core import compile_ahead
 from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
 from ..sim.observation.planner_features import NEEDS_MAPS
-from ..sim.observation.situation import Situation
 from .arguments import EnvArguments
 from .infos import GameInfos
 from .rewards import Ends, StepRewards
@@ -74,6 +73,7 @@ class GameRunner:
         self.begun = False  # True after the first reset
         self._by_event = config.decisions.when == "event"
         self._by_python = bool(self._policies or self.ghost_agents or config.endless)
+        self._finishes = self.observer.by_python
         self._drives = config.action == "velocity"
         self._actions = np.zeros(n, dtype=np.int64)  # input of the choice stage
 
@@ -92,11 +92,6 @@ class GameRunner:
         if not self.begun:
             raise gym.error.ResetNeeded("call reset() first")
 
-    def masks(self) -> Flags:
-        """Return the mask of the allowed actions, (N, C)."""
-        self.require_reset()
-        return self.observer.allowed != 0
-
     def reset(
         self, index: Indices, seeds: NDArray[np.uint64], levels: Indices | None = None, *, in_step: bool = False
     ) -> None:
@@ -106,11 +101,8 @@ class GameRunner:
         """
         self.batch.reset(index, seeds, levels)
         self.batch.elapsed_s[index] = 0.0
-        if self._policies:
-            games = np.zeros(self.batch.n, dtype=np.bool_)
-            games[index] = True
-            for policy in self._policies.values():
-                policy.reset(games, self.config)
+        for policy in self._policies.values():
+            policy.reset(np.isin(np.arange(self.batch.n), index), self.config)
         self._observe_maps(index)
         if not in_step:
             self._take_turns()
@@ -155,11 +147,17 @@ class GameRunner:
 
     def _play_by_steps(self, actions: NDArray[Any], ghost_actions: Mapping[int, Indices]) -> None:
         """Play one decision with Python code between ticks, for policies of ghosts and endless games."""
-        choices, forbidden = (actions, _NONE) if self._drives else self.observer.chosen(actions)
-        sent = {number: self.ghost_observers[number].chosen(ghost_actions[number])[0] for number in self.ghost_agents}
-        ask = functools.partial(ghost_choices, self.batch, self._policies, sent, _select)
-        plays = ~self.rewards.cut if self.ghost_agents else None
-        play_until_due(self.batch, choices, forbidden, ask if self._policies or sent else None, plays)
+        forbidden = _NONE  # only needed between events; at each tick the rules replace a forbidden choice by hold
+        if self._by_event:
+            choices, forbidden = self.observer.chosen(actions)
+        else:
+            choices = _candidates(self.observer, actions)
+        sent = {k: _candidates(observer, ghost_actions[k]) for k, observer in self.ghost_observers.items()}
+        ask = None
+        if self._policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged
+            ask = functools.partial(ghost_choices, self.batch, self._policies, sent, lambda one, seen: one.select(seen))
+        plays = ~self.rewards.cut if sent else None
+        play_until_due(self.batch, choices, forbidden, ask, plays)
         self._take_turns()
         self._observe()
 
@@ -172,7 +170,7 @@ class GameRunner:
         if result:  # a physics space or a map must be prepared, or a ghost's function raised
             batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
             self.observer.observe()
-        else:
+        elif self._finishes:
             self.observer.finish()
 
     def _stages(self) -> list[Stage]:
@@ -194,13 +192,7 @@ class GameRunner:
         observation = arrays.get(FLAT, arrays)
         return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
-    @property
-    def situation(self) -> Situation:
-        """Return a copy of the current situation of the robot's policy."""
-        self.require_reset()
-        return self.observer.situation.copy()
 
-
-def _select(policy: Policy, situation: Situation) -> Any:
-    """Call a ghost's policy; unlike in commands, its exceptions reach the caller of ``step`` unchanged."""
-    return policy.select(situation)
+def _candidates(observer: Observer, actions: NDArray[Any]) -> NDArray[Any]:
+    """Return the candidates (N,) that actions mean; velocities are returned unchanged."""
+    return actions if observer.listed is None else observer.chosen(actions)[0]
