@@ -25,8 +25,6 @@ from .infos import GameInfos
 from .rewards import Ends, StepRewards
 from .spaces import OBSERVATION, action_space, observation_space, velocities
 
-_NONE = np.zeros(0, dtype=np.bool_)  # forbidden velocities
-
 
 class GameRunner:
     """N games of one environment, built from its arguments.
@@ -147,11 +145,10 @@ class GameRunner:
 
     def _play_by_steps(self, actions: NDArray[Any], ghost_actions: Mapping[int, Indices]) -> None:
         """Play one decision with Python code between ticks, for policies of ghosts and endless games."""
-        forbidden = _NONE  # only needed between events; at each tick the rules replace a forbidden choice by hold
         if self._by_event:
             choices, forbidden = self.observer.chosen(actions)
         else:
-            choices = _candidates(self.observer, actions)
+            choices, forbidden = _candidates(self.observer, actions), None  # the rules replace a forbidden one by hold
         sent = {k: _candidates(observer, ghost_actions[k]) for k, observer in self.ghost_observers.items()}
         ask = None
         if self._policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged

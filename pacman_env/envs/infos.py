@@ -24,7 +24,7 @@ class GameInfos:
     def __init__(self, batch: GameBatch) -> None:
         self._batch, self._config = batch, batch.config
         self._numeric, self._masked = self._config.observation.numeric_info, self._config.observation.mask == "info"
-        self._draws = bool(self._config.randomize.ranges())
+        self._several_levels, self._draws = len(batch.levels) > 1, bool(self._config.randomize.ranges())
 
     def of_all(self, allowed: NDArray[np.int8]) -> dict[str, NDArray[Any]]:
         """Return the infos as new arrays, (N,) each; a mask among them is (N, C).
@@ -55,7 +55,7 @@ class GameInfos:
         result: dict[str, NDArray[Any]] = {}
         if self._masked:
             result[MASK] = allowed.copy()
-        if len(batch.levels) > 1:
+        if self._several_levels:
             result["level"] = batch.level_numbers()
         if config.endless:
             result["round"] = batch.games["round"].astype(np.int64)

@@ -52,17 +52,18 @@ def ghost_choices(
 def play_until_due(
     batch: GameBatch,
     choices: NDArray[Any],
-    forbidden: Flags,
+    forbidden: Flags | None = None,
     choose_for_ghosts: Callable[[], NDArray[Any] | None] | None = None,
     played: Flags | None = None,
 ) -> None:
     """Play until the next decision is due: one tick, or with ``decisions.when="event"`` until an event of each game.
 
-    ``choices`` are candidates (N,) or velocities (N, 2). After a ``forbidden`` (N,) choice, the next decision is due
-    after one tick. ``choose_for_ghosts`` is called before each tick (None: no policy moves a ghost). Only the games in
-    the mask ``played`` (N,) are played (None: all).
+    ``choices`` are candidates (N,) or velocities (N, 2). After a ``forbidden`` (N,) choice (None: there is none), the
+    next decision is due after one tick. ``choose_for_ghosts`` is called before each tick (None: no policy moves a
+    ghost). Only the games in the mask ``played`` (N,) are played (None: all).
     """
     if batch.config.decisions.when == "event":
+        forbidden = np.zeros(batch.n, dtype=np.bool_) if forbidden is None else forbidden
         batch.step_until_due(choices, forbidden, choose_for_ghosts, played)
     else:
         batch.step(choices, choose_for_ghosts() if choose_for_ghosts else None, played)

@@ -181,9 +181,8 @@ class PlayedRound:
         else:
             if orders.robot:
                 goal = self.hold if orders.goal is None else orders.goal
-            choice = self._numbers[[goal]]
-            applied = allowed(situation, choice, batch.hold)
-            play_until_due(batch, applied, applied != choice, lambda: sent)
+            choice = allowed(situation, self._numbers[[goal]], batch.hold)
+            play_until_due(batch, choice, choose_for_ghosts=lambda: sent)
         self.by_person |= orders.robot or orders.velocity is not None
         self.choices.append([goal, *chosen])
         if self.baseline is not None:
