@@ -89,7 +89,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         mask = None
         if isinstance(options, dict) and "reset_mask" in options:
             mask = () if options["reset_mask"] is None else options["reset_mask"]
-        index = self._reset_games(seed, options, mask, "options['reset_mask']", "reset_mask")
+        index = self._reset_games(seed, options, mask, "options['reset_mask']", ("reset_mask",))
         return self._runner.observation(), self._infos(index)
 
     @exclusive

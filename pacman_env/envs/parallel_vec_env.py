@@ -14,7 +14,6 @@ from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .base_env import BaseEnv
 from .guard import exclusive, shared
 from .resets import ManyGames, Options, Seeds
 from .rewards import Ends, Step
@@ -25,11 +24,12 @@ Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
 _TURN = 2 * np.pi
 
 
-class SeveralAgents(BaseEnv):
+class SeveralAgents(ManyGames):
     """Base class for N games with the agents ``pacman`` and the ghosts that are agents."""
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_runner(n, arguments, ghost_agents=True, **more)
+        self._make_generators()
         runner = self._runner
         if self.config.decisions.when == "event":
             raise ConfigError("decisions.when='event' is for one agent: here all decide at each tick")
@@ -98,7 +98,7 @@ class SeveralAgents(BaseEnv):
         return np.stack(columns, axis=1).astype(np.float64)
 
 
-class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
+class PacManBotParallelVecEnv(SeveralAgents):
     """Many games of :class:`~pacman_env.envs.pettingzoo_env.PacManBotParallelEnv` at once.
 
     ```python
@@ -139,7 +139,6 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")
         self._make_agents(self.num_envs, arguments, num_threads=num_threads)
-        self._make_generators()
 
     @property
     def agents(self) -> list[str]:
