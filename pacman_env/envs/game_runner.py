@@ -137,7 +137,8 @@ class GameRunner:
         if self._by_python:
             self._play_by_steps(actions, ghost_actions)
         else:
-            (batch.arrays["velocities"] if self._drives else self._actions)[:] = actions
+            inputs = batch.arrays["velocities"] if self._drives else self._actions
+            inputs[:] = actions
             self._play_in_one_call()
         if rewards.plain:
             return batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
@@ -148,8 +149,8 @@ class GameRunner:
         if self._by_event:
             choices, forbidden = self.observer.chosen(actions)
         else:
-            choices, forbidden = _candidates(self.observer, actions), None  # the rules replace a forbidden one by hold
-        sent = {k: _candidates(observer, ghost_actions[k]) for k, observer in self.ghost_observers.items()}
+            choices, forbidden = _choices(self.observer, actions), None  # the rules replace a forbidden one by hold
+        sent = {k: _choices(observer, ghost_actions[k]) for k, observer in self.ghost_observers.items()}
         ask = None
         if self._policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged
             ask = functools.partial(ghost_choices, self.batch, self._policies, sent, lambda one, seen: one.select(seen))
@@ -190,6 +191,6 @@ class GameRunner:
         return {OBSERVATION: observation, MASK: allowed.copy()} if self._mask_beside else observation
 
 
-def _candidates(observer: Observer, actions: NDArray[Any]) -> NDArray[Any]:
-    """Return the candidates (N,) that actions mean; velocities are returned unchanged."""
+def _choices(observer: Observer, actions: NDArray[Any]) -> NDArray[Any]:
+    """Return the candidates (N,) that actions mean, or velocities (N, 2) unchanged."""
     return actions if observer.listed is None else observer.chosen(actions)[0]

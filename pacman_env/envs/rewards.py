@@ -30,10 +30,8 @@ class StepRewards:
         self._path_left = np.zeros(batch.n)  # m, path from the believed pose to the nearest pellet; 0 if there is none
         self._nearer = np.zeros(batch.n)  # m by which this path became shorter in the last step
         self._was_over = np.zeros(batch.n, dtype=np.bool_)  # before the last step
-        #: True if these are the rewards and ends of the batch.
-        self.plain = (
-            self._config.timeout == "truncation" and self._most_steps is None and not (several or self._by_path)
-        )
+        changed = several or self._by_path or self._most_steps is not None or self._config.timeout == "termination"
+        self.plain = not changed  # these are the rewards and ends of the batch
 
     def begin_episodes(self, index: Indices, situation: Situation) -> None:
         """Start to count in the games ``index`` (M,), after the first observation of their episodes."""
