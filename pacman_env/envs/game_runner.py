@@ -1,9 +1,8 @@
 """Run the games of an environment: policies of ghosts, decisions and observations."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -64,7 +63,7 @@ class GameRunner:
         nearest = self.observer.nearest
         self.candidates = self.batch.candidates if nearest is None else nearest.count
         self._mask_beside = mask == "beside"
-        self.observation_space = self.space_of(self.observer)  # space of the robot's agent
+        self.observation_space = self.space_of(self.observer)  # of the robot's agent
         self.action_space = action_space(self.batch, self.candidates)
         self.infos = GameInfos(self.batch)
         self.rewards = StepRewards(self.batch, bool(self.ghost_agents), max_episode_steps)
@@ -123,11 +122,11 @@ class GameRunner:
         self._observers.reverse()
         self.observer = self._observers[0]
 
-    def step(self, actions: NDArray[Any], ghost_actions: Mapping[int, Indices] = MappingProxyType({})) -> Ends:
+    def step(self, actions: NDArray[Any], ghost_actions: Sequence[Indices] = ()) -> Ends:
         """Play one decision with checked actions, (N,) or (N, 2), observe, and return rewards and ends; see ``Ends``.
 
-        Games that were over before the decision get no reward. ``ghost_actions`` maps each of ``ghost_agents`` to its
-        actions (N,); policy objects choose for the other ghosts.
+        Games that were over before the decision get no reward. ``ghost_actions`` are the actions (N,) of each of
+        ``ghost_agents``; policy objects choose for the other ghosts.
         """
         batch, rewards = self.batch, self.rewards
         if not rewards.plain:
@@ -144,13 +143,14 @@ class GameRunner:
             return batch.reward.copy(), batch.terminated.copy(), batch.truncated.copy()
         return rewards.end_step(self.observer.situation)
 
-    def _play_by_steps(self, actions: NDArray[Any], ghost_actions: Mapping[int, Indices]) -> None:
+    def _play_by_steps(self, actions: NDArray[Any], ghost_actions: Sequence[Indices]) -> None:
         """Play one decision with Python code between ticks, for policies of ghosts and endless games."""
         if self._by_event:
             choices, forbidden = self.observer.chosen(actions)
         else:
             choices, forbidden = _choices(self.observer, actions), None  # the rules replace a forbidden one by hold
-        sent = {k: _choices(observer, ghost_actions[k]) for k, observer in self.ghost_observers.items()}
+        agents = zip(self.ghost_observers.items(), ghost_actions, strict=True)
+        sent = {number: _choices(observer, given) for (number, observer), given in agents}
         ask = None
         if self._policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged
             ask = functools.partial(ghost_choices, self.batch, self._policies, sent, lambda one, seen: one.select(seen))

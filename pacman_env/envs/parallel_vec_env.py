@@ -12,6 +12,7 @@ from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
 from ..sim.observation.kinds import MASK
+from ..sim.observation.observer import Observer
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .guard import exclusive, shared
@@ -33,15 +34,12 @@ class SeveralAgents(ManyGames):
         runner = self._runner
         if self.config.decisions.when == "event":
             raise ConfigError("decisions.when='event' is for one agent: here all decide at each tick")
-        self._ghosts = {GHOST_NAMES[k]: k for k in runner.ghost_agents}
-        if not self._ghosts:
+        if not runner.ghost_agents:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
-        self.possible_agents = [PACMAN, *self._ghosts]
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.observation_space}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.action_space}
-        for name, number in self._ghosts.items():
-            self.observation_spaces[name] = runner.space_of(runner.ghost_observers[number])
-            self.action_spaces[name] = spaces.Discrete(runner.candidates)
+        self.possible_agents = [PACMAN, *(GHOST_NAMES[number] for number in runner.ghost_agents)]
+        self.observation_spaces = {agent: runner.space_of(observer) for agent, observer in self._observers().items()}
+        ghosts = {agent: spaces.Discrete(runner.candidates) for agent in self.possible_agents[1:]}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.action_space, **ghosts}
         low, high = np.array(list(state_limits(self.batch).values())).T
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
@@ -59,23 +57,23 @@ class SeveralAgents(ManyGames):
         return list(state_limits(self.batch))
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
-        """Play one decision with actions (N,) by agent; return rewards (N, A), terminated and truncated (N,)."""
-        by_number = {number: actions[name] for name, number in self._ghosts.items()}
-        reward, terminated, truncated = self._runner.step(actions[PACMAN], by_number)
-        rewards = np.empty((len(reward), 1 + len(self._ghosts)))
-        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._runner.rewards.of_ghost()
+        """Play one decision with the actions (N,) of all agents; return rewards (N, A), terminated and truncated (N,)."""
+        robot, *ghosts = actions.values()
+        reward, terminated, truncated = self._runner.step(robot, ghosts)
+        rewards = np.empty((len(reward), len(actions)))
+        of_ghosts = -reward / len(ghosts) if self.config.zero_sum else self._runner.rewards.of_ghost()
         rewards[:, 0], rewards[:, 1:] = reward, of_ghosts[:, None]
         return rewards, terminated, truncated
 
+    def _observers(self) -> dict[str, Observer]:
+        """Return the observers of the agents with their present observations and masks; the next step changes them."""
+        observers = self._runner.observer, *self._runner.ghost_observers.values()
+        return dict(zip(self.possible_agents, observers, strict=True))
+
     def _observations(self, first: bool = False) -> Observations:
         """Return the observations of all games, (N, ...), or of the ``first`` game by agent."""
-        observers = self._runner.observer, *self._runner.ghost_observers.values()
-        each = (self._runner.observation(one, first=first) for one in observers)
-        return dict(zip(self.possible_agents, each, strict=True))
-
-    def _ghost_masks(self) -> dict[str, NDArray[np.int8]]:
-        """Return the masks (N, C) of the ghosts' allowed actions; the next step overwrites them."""
-        return {name: self._runner.ghost_observers[number].allowed for name, number in self._ghosts.items()}
+        observers = self._observers().items()
+        return {agent: self._runner.observation(observer, first=first) for agent, observer in observers}
 
     def _states(self) -> NDArray[np.float64]:
         """Return the states of the games, (N, S), with the columns ``state_names``.
@@ -189,8 +187,8 @@ class PacManBotParallelVecEnv(SeveralAgents):
         """
         self._runner.require_reset()
         if self.config.action != "goal":
-            return {name: mask != 0 for name, mask in self._ghost_masks().items()}
-        return np.stack([self._runner.observer.allowed, *self._ghost_masks().values()], axis=1) != 0
+            return {agent: observer.allowed != 0 for agent, observer in self._observers().items() if agent != PACMAN}
+        return np.stack([observer.allowed for observer in self._observers().values()], axis=1) != 0
 
     @shared
     def state(self) -> NDArray[np.float64]:

@@ -120,8 +120,8 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         info = self._runner.infos.of_first(self._runner.observer.allowed)
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
-            for name, mask in self._ghost_masks().items():
-                infos[name][MASK] = mask[0].copy()
+            for agent, observer in self._observers().items():
+                infos[agent][MASK] = observer.allowed[0].copy()
         return self._observations(first=True), infos
 
 
