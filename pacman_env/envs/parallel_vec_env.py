@@ -57,7 +57,7 @@ class SeveralAgents(ManyGames):
         return list(state_limits(self.batch))
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
-        """Play one decision with the actions (N,) of all agents; return rewards (N, A), terminated and truncated (N,)."""
+        """Play one decision with actions (N,) by agent; return rewards (N, A), terminated and truncated (N,)."""
         robot, *ghosts = actions.values()
         reward, terminated, truncated = self._runner.step(robot, ghosts)
         rewards = np.empty((len(reward), len(actions)))
