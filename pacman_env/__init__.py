@@ -14,7 +14,7 @@ from pacman_env.envs.registration import register_envs, register_when_imported
 if TYPE_CHECKING:
     from .config import Config, ConfigError, make_config
     from .config.composition import register_preset
-    from .envs.outcome import OUTCOMES
+    from .envs.infos import OUTCOMES
     from .envs.pacmanbot import PacManBotEnv
     from .envs.pacmanbot_vector import PacManBotVectorEnv
     from .envs.parallel_vec_env import PacManBotParallelVecEnv, parallel_vec_env
@@ -42,7 +42,7 @@ __all__ += ["paired_difference", "wilson"]
 _EXPORTS = {
     "config": "Config ConfigError make_config",
     "config.composition": "register_preset",
-    "envs.outcome": "OUTCOMES",
+    "envs.infos": "OUTCOMES",
     "envs.pacmanbot": "PacManBotEnv",
     "envs.pacmanbot_vector": "PacManBotVectorEnv",
     "envs.parallel_vec_env": "PacManBotParallelVecEnv parallel_vec_env",

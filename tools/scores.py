@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from pacman_env.envs.registration import IDS
 from pacman_env.episodes.statistics import wilson
 from pacman_env.policies.registry import make_policy

@@ -1,5 +1,6 @@
 """Base class of all environments: games, spec, action masks and pictures, whatever the interface."""
 
+import functools
 import os
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -27,8 +28,8 @@ class BaseEnv(Guarded):
 
     def _make_runner(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
-        self._made_from = n, arguments, more
-        self._runner = GameRunner(n, arguments, **more)
+        self._new_runner = functools.partial(GameRunner, n, arguments, **more)
+        self._runner = self._new_runner()
         self.render_mode = arguments.render_mode
 
     @property
@@ -61,8 +62,7 @@ class BaseEnv(Guarded):
         """Return a runner with ``settings``; raises ConfigError if they change the spaces or the agents."""
         if settings == self._runner.settings:
             return self._runner
-        n, arguments, more = self._made_from
-        runner = GameRunner(n, arguments, **more, settings=settings)
+        runner = self._new_runner(settings=settings)
         if any(getattr(runner, name) != getattr(self._runner, name) for name in _FIXED):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
@@ -71,8 +71,9 @@ class BaseEnv(Guarded):
     @property
     @shared
     def situation(self) -> Situation:
-        """Return the situation of each game, as policies of this package read it; raises ResetNeeded before a reset."""
-        return self._runner.situation
+        """Return a copy of the situation of each game, as policies read it; raises ResetNeeded before a reset."""
+        self._runner.require_reset()
+        return self._runner.observer.situation.copy()
 
     @property
     def action_masks(self) -> Callable[[], NDArray[np.bool_]]:
@@ -99,7 +100,8 @@ class BaseEnv(Guarded):
 
     @shared
     def _masks(self) -> NDArray[np.bool_]:
-        return self._runner.masks()
+        self._runner.require_reset()
+        return self._runner.observer.allowed != 0
 
     def _pictures(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return one picture (H, W, 3) uint8 per game, or None without a render mode."""

@@ -55,10 +55,12 @@ def exclusive(method: Method, exclusive: bool = True) -> Method:
 
     @functools.wraps(method)
     def guarded(self: "Guarded", *arguments: Any, **named: Any) -> Any:
-        calls, call = self._guard.calls, (get_ident(), name, exclusive)
+        guard, call = self._guard, (get_ident(), name, exclusive)
+        calls = guard.calls
         try:
             calls.insert(0, call)
-            self._guard.wait(call)
+            if calls[-1] is not call or guard.copying is not None:
+                guard.wait(call)
             return method(self, *arguments, **named)
         finally:
             calls.remove(call)  # the newest of equal ones

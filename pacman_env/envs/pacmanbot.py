@@ -1,6 +1,5 @@
 """The single-agent Gymnasium environment: a batch of one game."""
 
-from threading import get_ident
 from typing import Any
 
 import gymnasium as gym
@@ -8,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from ..game.ends import RUNNING
 from ..render.window import RENDER_FPS, Display
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
@@ -207,30 +207,28 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
             self.render()
         return self._result()
 
+    @exclusive
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive towards a candidate, or at the given velocities, until the next decision.
 
         Raises ValueError for an action outside the action space (velocities are clipped instead), and ResetNeeded
         before the first reset or after the end of an episode.
         """
-        guard = self._guard
-        calls, call = guard.calls, (get_ident(), "step", True)
-        try:  # as in `exclusive`, with one function call less
-            calls.insert(0, call)
-            if calls[-1] is not call or guard.copying is not None:
-                guard.wait(call)
-            self._runner.require_reset(running=True)
-            reward, terminated, truncated = self._runner.step(checked_action(self.action_space, action)[None])
-            if self.render_mode == "human":
-                self.render()
-            observation, info = self._result()
-            return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
-        finally:
-            calls.remove(call)
+        runner = self._runner
+        runner.require_reset()
+        if runner.batch.summary[0, 0] != RUNNING:
+            raise gym.error.ResetNeeded("the episode is over: call reset()")
+        reward, terminated, truncated = runner.step(checked_action(self.action_space, action)[None])
+        if self.render_mode == "human":
+            self.render()
+        observation, info = self._result()
+        return observation, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     @shared
     def _masks(self) -> NDArray[np.bool_]:
-        return self._runner.masks()[0]
+        self._runner.require_reset()
+        return self._runner.observer.allowed[0] != 0
 
     def _result(self) -> tuple[Observation, dict[str, Any]]:
-        return self._runner.observe_game(), self._runner.info_of_game()
+        runner = self._runner
+        return runner.observation(first=True), runner.infos.of_first(runner.observer.allowed)

@@ -13,8 +13,8 @@ from ..render.window import RENDER_FPS
 from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
 from .guard import exclusive, shared
-from .outcome import Step
 from .resets import ManyGames, Options, Seeds
+from .rewards import Step
 from .spaces import checked_actions
 
 
@@ -89,8 +89,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         mask = None
         if isinstance(options, dict) and "reset_mask" in options:
             mask = () if options["reset_mask"] is None else options["reset_mask"]
-        index = self._reset_games(seed, options, mask, "options['reset_mask']", "reset_mask")
-        return self._runner.observe(), self._infos(index)
+        index = self._reset_games(seed, options, mask, "options['reset_mask']", ("reset_mask",))
+        return self._runner.observation(), self._infos(index)
 
     @exclusive
     def step(self, actions: NDArray[Any]) -> Step:
@@ -100,7 +100,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         before the first reset.
         """
         runner, actions = self._runner, checked_actions(self.single_action_space, actions, self.num_envs)
-        over = (self.batch.summary[0] != RUNNING) | runner.cut
+        runner.require_reset()
+        over = (self.batch.summary[0] != RUNNING) | runner.rewards.cut
         reward, terminated, truncated = runner.step(actions)
         final: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.NEXT_STEP and over.any():
@@ -113,7 +114,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
                 final = self._final(ended)
                 self._follow(ended)
         infos = {**final, **self._infos()} if self.reports_all else final
-        return runner.observe(), reward, terminated, truncated, infos
+        return runner.observation(), reward, terminated, truncated, infos
 
     close = exclusive(VectorEnv.close)
 
@@ -126,7 +127,7 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Return infos in Gymnasium's layout: an array (N,) per key, and a mask of the games ``index`` (None: all)."""
         present = np.ones(self.num_envs, dtype=np.bool_) if index is None else self._mask(index)
         result: dict[str, Any] = {}
-        for key, array in self._runner.infos().items():
+        for key, array in self._runner.infos.of_all(self._runner.observer.allowed).items():
             if index is not None:
                 array[~present] = None if array.dtype == object else 0
             result[key], result[f"_{key}"] = array, present.copy()
@@ -136,5 +137,8 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         """Return the last observations and infos of games that have just ended."""
         if not self.reports_all:
             return {"final_info": self._infos(ended)}
-        final = {"final_obs": self._last_of(ended, self._runner.observe(copy=False)), "final_info": self._infos(ended)}
+        final = {
+            "final_obs": self._last_of(ended, self._runner.observation(copy=False)),
+            "final_info": self._infos(ended),
+        }
         return final | {f"_{name}": self._mask(ended) for name in final}

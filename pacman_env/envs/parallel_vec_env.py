@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
 from ..render.window import RENDER_FPS
-from ..sim.core.ticks import candidates_of
 from ..sim.observation.kinds import MASK
+from ..sim.observation.observer import Observer
 from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
-from .base_env import BaseEnv
 from .guard import exclusive, shared
-from .outcome import Ends, Step
 from .resets import ManyGames, Options, Seeds
+from .rewards import Ends, Step
 from .spaces import checked_actions, state_limits
 
 PACMAN = "pacman"
@@ -26,25 +25,21 @@ Observations = dict[str, Any]  # by agent: a dictionary of arrays, or one array
 _TURN = 2 * np.pi
 
 
-class SeveralAgents(BaseEnv):
+class SeveralAgents(ManyGames):
     """Base class for N games with the agents ``pacman`` and the ghosts that are agents."""
 
     def _make_agents(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         self._make_runner(n, arguments, ghost_agents=True, **more)
+        self._make_generators()
         runner = self._runner
         if self.config.decisions.when == "event":
             raise ConfigError("decisions.when='event' is for one agent: here all decide at each tick")
-        self._ghosts = {GHOST_NAMES[k]: k for k in runner.ghost_agents}
-        if not self._ghosts:
+        if not runner.ghost_agents:
             raise ConfigError("ghosts: at least one must have the behaviour 'policy', as in ('policy', 'policy')")
-        self._ghost_masks: dict[str, NDArray[np.bool_]] = {}  # (N, C) each, of the last observations
-        self._ghost_listed: dict[str, NDArray[np.int64] | None] = {}  # (N, C) candidates of actions
-        self.possible_agents = [PACMAN, *self._ghosts]
-        self.observation_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.observation_space}
-        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.action_space}
-        for name in self._ghosts:
-            self.observation_spaces[name] = runner.ghost_observation_space()
-            self.action_spaces[name] = spaces.Discrete(runner.candidates)
+        self.possible_agents = [PACMAN, *(GHOST_NAMES[number] for number in runner.ghost_agents)]
+        self.observation_spaces = {agent: runner.space_of(observer) for agent, observer in self._observers().items()}
+        ghosts = {agent: spaces.Discrete(runner.candidates) for agent in self.possible_agents[1:]}
+        self.action_spaces: dict[str, spaces.Space[Any]] = {PACMAN: runner.action_space, **ghosts}
         low, high = np.array(list(state_limits(self.batch).values())).T
         self.state_space = spaces.Box(low, high, dtype=np.float64)
 
@@ -63,35 +58,30 @@ class SeveralAgents(BaseEnv):
 
     def _decide(self, actions: dict[str, NDArray[Any]]) -> Ends:
         """Play one decision with actions (N,) by agent; return rewards (N, A), terminated and truncated (N,)."""
-        choices = {number: self._ghost_choice(name, actions[name]) for name, number in self._ghosts.items()}
-        reward, terminated, truncated = self._runner.step(actions[PACMAN], choices)
-        of_ghosts = -reward / len(self._ghosts) if self.config.zero_sum else self._runner.ghost_reward()
-        return np.stack([reward, *[of_ghosts] * len(self._ghosts)], axis=1), terminated, truncated
+        robot, *ghosts = actions.values()
+        reward, terminated, truncated = self._runner.step(robot, ghosts)
+        rewards = np.empty((len(reward), len(actions)))
+        of_ghosts = -reward / len(ghosts) if self.config.zero_sum else self._runner.rewards.of_ghost()
+        rewards[:, 0], rewards[:, 1:] = reward, of_ghosts[:, None]
+        return rewards, terminated, truncated
 
-    def _ghost_choice(self, name: str, actions: NDArray[Any]) -> NDArray[Any]:
-        """Convert a ghost's actions (N,) to candidates."""
-        listed = self._ghost_listed[name]
-        if listed is None:
-            return actions
-        chosen: NDArray[np.int64]
-        chosen, _ = candidates_of(np.asarray(actions, np.int64), self._ghost_masks[name], listed, self.batch.hold)
-        return chosen
+    def _observers(self) -> dict[str, Observer]:
+        """Return the observers of the agents with their present observations and masks; the next step changes them."""
+        observers = self._runner.observer, *self._runner.ghost_observers.values()
+        return dict(zip(self.possible_agents, observers, strict=True))
 
-    def _observe(self) -> Observations:
-        """Observe all games for all agents, (N, ...), and store masks and listed candidates of the ghosts."""
-        runner = self._runner
-        observations: Observations = {PACMAN: runner.observe()}
-        for name, number in self._ghosts.items():
-            observation, mask, listed = runner.observe_ghost(number)
-            observations[name], self._ghost_masks[name], self._ghost_listed[name] = observation, mask, listed
-        return observations
+    def _observations(self, first: bool = False) -> Observations:
+        """Return the observations of all games, (N, ...), or of the ``first`` game by agent."""
+        observers = self._observers().items()
+        return {agent: self._runner.observation(observer, first=first) for agent, observer in observers}
 
     def _states(self) -> NDArray[np.float64]:
         """Return the states of the games, (N, S), with the columns ``state_names``.
 
         They contain true poses, the believed pose of the robot, and velocities of ghosts, clipped to ``FAST_MPS``.
         """
-        situation, batch = self._runner.situation, self.batch
+        self._runner.require_reset()
+        situation, batch = self._runner.observer.situation, self.batch
         believed = situation.robot
         g, ghosts = batch.games, batch.ghosts
         turns = (g["right"] - g["left"]) / batch.config.robot.wheel_base_m
@@ -106,7 +96,7 @@ class SeveralAgents(BaseEnv):
         return np.stack(columns, axis=1).astype(np.float64)
 
 
-class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
+class PacManBotParallelVecEnv(SeveralAgents):
     """Many games of :class:`~pacman_env.envs.pettingzoo_env.PacManBotParallelEnv` at once.
 
     ```python
@@ -147,7 +137,6 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")
         self._make_agents(self.num_envs, arguments, num_threads=num_threads)
-        self._make_generators()
 
     @property
     def agents(self) -> list[str]:
@@ -170,7 +159,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         games.
         """
         self._reset_games(seed, options, mask, "mask")
-        return self._observe(), self._infos()
+        return self._observations(), self._infos()
 
     @exclusive
     def step(self, actions: NDArray[np.integer[Any]] | Mapping[str, NDArray[Any]]) -> Step:
@@ -182,12 +171,12 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         """
         self._runner.require_reset()
         rewards, terminated, truncated = self._decide(self._check(actions))
-        observations, final = self._observe(), {}
+        observations, final = self._observations(), {}
         ended = np.flatnonzero(terminated | truncated)
         if self.autoreset_mode == AutoresetMode.SAME_STEP and len(ended):
             final = self._final(ended, observations)
             self._follow(ended)
-            observations = self._observe()
+            observations = self._observations()
         return observations, rewards, terminated, truncated, {**self._infos(), **final}
 
     @shared
@@ -198,8 +187,8 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         """
         self._runner.require_reset()
         if self.config.action != "goal":
-            return {name: mask.copy() for name, mask in self._ghost_masks.items()}
-        return np.stack([self._runner.masks(), *self._ghost_masks.values()], axis=1)
+            return {agent: observer.allowed != 0 for agent, observer in self._observers().items() if agent != PACMAN}
+        return np.stack([observer.allowed for observer in self._observers().values()], axis=1) != 0
 
     @shared
     def state(self) -> NDArray[np.float64]:
@@ -248,7 +237,7 @@ class PacManBotParallelVecEnv(SeveralAgents, ManyGames):
         return checked_actions(self.action_spaces[agent], given, self.num_envs, f" of {agent}")
 
     def _infos(self) -> dict[str, Any]:
-        infos: dict[str, Any] = self._runner.infos()
+        infos: dict[str, Any] = self._runner.infos.of_all(self._runner.observer.allowed)
         if MASK in infos:
             infos[MASK] = self.action_masks().astype(np.int8)
         return infos

@@ -16,10 +16,9 @@ from .arguments import EnvArguments, takes_env_arguments
 from .guard import Guarded, exclusive, shared
 from .parallel_vec_env import PACMAN as PACMAN
 from .parallel_vec_env import Observations, SeveralAgents
-from .resets import Options, ResetOptions, Seed, checked_seed
+from .resets import Options, Seed, checked_seed
 from .spaces import checked_action
 
-_ONE = np.zeros(1, dtype=np.int64)
 Infos = dict[str, dict[str, Any]]  # by agent
 
 
@@ -63,18 +62,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         """Create the environment; raises ConfigError or MapError for arguments that cannot be played."""
         self._make_agents(1, arguments)
         self.agents: list[str] = []
-        self._generator: np.random.Generator | None = None
 
     @exclusive
     def reset(self, seed: Seed = None, options: Options = None) -> tuple[Observations, Infos]:
         """Start a new episode; ``seed`` and ``options`` are as in the Gymnasium environment."""
-        request = ResetOptions.of(options, 1, "options")  # PettingZoo's test passes this name and expects no effect
-        runner = self._runner_with(request.settings)
-        levels = request.levels(runner.batch.source, _ONE)
-        if (number := checked_seed(seed)) is not None:
-            self._generator, _ = seeding.np_random(number)
-        self._runner = runner
-        self._runner.reset(_ONE, request.seeds(_ONE, [self.np_random]), levels)
+        # PettingZoo's test passes an option with the name "options" and expects no effect.
+        self._reset_games(checked_seed(seed), options, more=("options",))
         self.agents = list(self.possible_agents)
         if self.render_mode == "human":
             self.render()
@@ -110,9 +103,9 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
     @property
     def np_random(self) -> np.random.Generator:
         """Return the generator of the episode seeds, as in Gymnasium; SuperSuit's ``frame_skip_v0`` also uses it."""
-        if self._generator is None:
-            self._generator, _ = seeding.np_random()
-        return self._generator
+        generator = self._generators[0] or seeding.np_random()[0]
+        self._generators[0] = generator
+        return generator
 
     def checked(self, agent: str, action: Any) -> Any:
         """Convert one agent's action for the game; raises ValueError outside the space (velocities are clipped)."""
@@ -124,12 +117,12 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         return self._states()[0]
 
     def _result(self) -> tuple[Observations, Infos]:
-        observations, info = self._observe(), self._runner.info_of_game()
+        info = self._runner.infos.of_first(self._runner.observer.allowed)
         infos = {agent: dict(info) for agent in self.possible_agents}
         if MASK in info:
-            for name, mask in self._ghost_masks.items():
-                infos[name][MASK] = mask[0].astype(np.int8)
-        return {agent: self._runner.of_game(observation, 0) for agent, observation in observations.items()}, infos
+            for agent, observer in self._observers().items():
+                infos[agent][MASK] = observer.allowed[0].copy()
+        return self._observations(first=True), infos
 
 
 class _InTurn(Guarded, parallel_to_aec_wrapper):

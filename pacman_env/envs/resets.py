@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any, SupportsIndex
 
@@ -73,28 +72,29 @@ class ResetOptions:
 class ManyGames(BaseEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
-    num_envs: int
-
     def _make_generators(self) -> None:
-        self._generators: list[np.random.Generator | None] = [None] * self.num_envs
-        self._next: list[np.uint64 | None] = [None] * self.num_envs  # next seeds, drawn early to prepare levels
+        self._generators: list[np.random.Generator | None] = [None] * self.batch.n
+        self._next: list[np.uint64 | None] = [None] * self.batch.n  # next seeds, drawn early to prepare levels
 
-    def _reset_games(self, seed: Any, options: Any, mask: Any, mask_name: str, *more: str) -> Indices:
+    def _reset_games(
+        self, seed: Any, options: Any, mask: Any = None, mask_name: str = "", more: Sequence[str] = ()
+    ) -> Indices:
         """Start new episodes in the games of ``mask`` (N,) (None: all) and return their indices (M,).
 
         ``seed`` and ``options`` are arguments of ``reset``, ``mask_name`` names the mask in errors, and ``more`` are
         options that the caller handles. Everything is checked before anything changes.
         """
-        request = ResetOptions.of(options, self.num_envs, *more)
-        index = np.arange(self.num_envs) if mask is None else _chosen_games(mask, self.num_envs, mask_name)
-        every = len(index) == self.num_envs
+        n = self.batch.n
+        request = ResetOptions.of(options, n, *more)
+        index = np.arange(n) if mask is None else _chosen_games(mask, n, mask_name)
+        every = len(index) == n
         if not self.started and not every:
             raise gym.error.ResetNeeded("the first reset() must be of all games")
         if request.settings and not every:
             raise ValueError("options['settings'] are for all games, which are not all reset")
         runner = self._runner_with(request.settings) if every else self._runner
         levels = request.levels(runner.batch.source, index)
-        seeds = one_for_each(seed, self.num_envs)
+        seeds = one_for_each(seed, n)
         fresh = [i for i in index.tolist() if seeds[i] is not None or self._generators[i] is None]
         generators = {i: gym.utils.seeding.np_random(seeds[i])[0] for i in fresh}
         self._runner = runner
@@ -108,7 +108,7 @@ class ManyGames(BaseEnv):
         self._runner.reset(ended, self._episode_seeds(ended, ResetOptions()), in_step=True)
 
     def _mask(self, index: Indices) -> Flags:
-        mask = np.zeros(self.num_envs, dtype=np.bool_)
+        mask = np.zeros(self.batch.n, dtype=np.bool_)
         mask[index] = True
         return mask
 
@@ -117,9 +117,9 @@ class ManyGames(BaseEnv):
 
         Copies are needed because later steps may overwrite the observations.
         """
-        last = np.full(self.num_envs, None, dtype=object)
+        last = np.full(self.batch.n, None, dtype=object)
         for i in ended.tolist():
-            last[i] = deepcopy(self._runner.of_game(observations, i))
+            last[i] = of_game(observations, i)
         return last
 
     def _episode_seeds(self, index: Indices, request: ResetOptions) -> NDArray[np.uint64]:
@@ -138,6 +138,13 @@ class ManyGames(BaseEnv):
             self._next[i] = seed
         batch.expect(following)
         return seeds
+
+
+def of_game(observation: Any, game: int) -> Any:
+    """Return a copy of one game's part of an observation of all games."""
+    if isinstance(observation, dict):
+        return {key: of_game(part, game) for key, part in observation.items()}
+    return observation[game].copy()
 
 
 def checked_seed(seed: Any) -> int | None:

@@ -9,18 +9,17 @@ import itertools
 import time
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.episodes.decisions import allowed, ghost_choices, play_until_due
 from pacman_env.game.ends import COMPLETE, RUNNING
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import GHOST_CHOICE, choices_of
 from pacman_env.sim.maps.assets import MapAssets
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
@@ -55,13 +54,6 @@ def episode_seeds(seed: int, episodes: int) -> NDArray[np.uint64]:
     return np.array([s.generate_state(1, np.uint64)[0] for s in sequences], dtype=np.uint64)
 
 
-def allowed(situation: Situation, choices: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
-    """Return the choices (N,) as the executor applies them: forbidden or invalid ones become hold."""
-    valid = (choices >= 0) & (choices < situation.mask.shape[1])
-    valid &= situation.mask[np.arange(len(choices)), np.where(valid, choices, hold)]
-    return np.where(valid, choices, hold)
-
-
 def play(
     source: LevelSource | MapAssets,
     config: Config,
@@ -92,16 +84,6 @@ def open_games(
     return GameBatch(source, config.with_fields(**{"clyde.ghosts": behaviours}), n, num_threads), ghosts
 
 
-def ghost_choices(batch: GameBatch, ghosts: Mapping[int, Policy]) -> NDArray[Any] | None:
-    """Return the choices (N, G) of the ghosts' policies for a step of the batch, or None without policies."""
-    if not ghosts:
-        return None
-    sent = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
-    for number, ghost in ghosts.items():
-        sent[:, number] = choices_of(choose(ghost, situation_of(batch, number)))
-    return sent
-
-
 def play_in(
     batch: GameBatch,
     robot: str | Policy,
@@ -127,6 +109,7 @@ def play_in(
     batch.reset(np.arange(n), seeds[:n])
     for player in players:
         reset(player, np.ones(n, dtype=np.bool_), batch.config)
+    choose_for_ghosts = functools.partial(ghost_choices, batch, ghosts) if ghosts else None
     started = n
     for step in itertools.count():
         playing = np.flatnonzero(episode >= 0)
@@ -139,10 +122,12 @@ def play_in(
             for _ in range(_WARM_UP if step == 0 else 0):
                 _decision_ms(other, row, batch.config)
             times_ms.append(_decision_ms(other, row, batch.config))
-        round_s = _step(batch, situation, _choices(policy, situation, playing, batch.hold), playing, ghosts)
-        follows = round_s > 0
+        chosen = _choices(policy, situation, playing, batch.hold)
+        choices = allowed(situation, chosen, batch.hold)
+        play_until_due(batch, choices, choices != chosen, choose_for_ghosts, episode >= 0)
+        follows = batch.completed_s > 0
         if follows.any():
-            before_s += round_s
+            before_s += batch.completed_s
             for player in players:
                 reset(player, follows, batch.config)
         over = (batch.games["end"] != RUNNING) | (batch.games["round"] > MOST_ROUNDS)
@@ -172,23 +157,6 @@ def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], h
     choices = np.full(len(situation), hold)
     choices[playing] = choose(policy, situation.rows(playing))
     return choices
-
-
-def _step(
-    batch: GameBatch,
-    situation: Situation,
-    chosen: NDArray[np.int64],
-    playing: NDArray[np.int64],
-    ghosts: Mapping[int, Policy],
-) -> NDArray[np.float64]:
-    """Play until the next decision, and return the duration, s, (N,) of rounds completed meanwhile (0: none)."""
-    choices = allowed(situation, chosen, batch.hold)
-    if batch.config.decisions.when == "event":
-        send = functools.partial(ghost_choices, batch, ghosts) if ghosts else None
-        batch.step_until_due(choices, choices != chosen, send, np.isin(np.arange(batch.n), playing))
-    else:
-        batch.step(choices, ghost_choices(batch, ghosts))
-    return batch.completed_s.copy()
 
 
 def _records(batch: GameBatch, index: NDArray[np.int64], before_s: NDArray[np.float64]) -> NDArray:

@@ -66,22 +66,12 @@ def bootstrap_weights(trials: int, rng: np.random.Generator, replicates: int = R
     return rng.multinomial(trials, np.full(trials, 1 / trials), size=replicates).astype(np.float64)
 
 
-def percentiles95(values: Floats) -> Interval:
-    """Return the limits of the middle 95 % of bootstrapped estimates (R,)."""
-    low, high = np.percentile(values, (2.5, 97.5))
-    return float(low), float(high)
-
-
 def bootstrapped_mean(tasks: Sequence[Floats], rng: np.random.Generator) -> tuple[float, Interval]:
     """Return the mean of the tasks' mean scores, and its 95 % interval by a stratified bootstrap.
 
     Each task is an array of scores (n,). The limits are percentiles (Efron 1979) of draws within each task. For paired
     scores pass the differences.
     """
-    drawn = _drawn_means(tasks, rng).mean(axis=1)
-    return float(np.mean([scores.mean() for scores in tasks])), percentiles95(drawn)
-
-
-def _drawn_means(tasks: Sequence[Floats], rng: np.random.Generator) -> Floats:
-    """Return the mean score of each of T tasks, arrays (n,), in each of R bootstrap replicates, (R, T)."""
-    return np.stack([bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks], axis=1)
+    drawn = [bootstrap_weights(len(scores), rng) @ scores / len(scores) for scores in tasks]  # (R,) means of each task
+    low, high = np.percentile(np.stack(drawn, axis=1).mean(axis=1), (2.5, 97.5))
+    return float(np.mean([scores.mean() for scores in tasks])), (float(low), float(high))

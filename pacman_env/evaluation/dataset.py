@@ -33,7 +33,7 @@ from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
 from pacman_env.config import ConfigError, parse_settings
 from pacman_env.engine.cache_folder import package_hash
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.envs.resets import SEEDS
 from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds

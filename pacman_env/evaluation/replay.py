@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import Config
-from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, ghost_choices, open_games
+from pacman_env.episodes.decisions import allowed, ghost_choices
+from pacman_env.episodes.rollout import MOST_ROUNDS, open_games
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Scenario
 from pacman_env.evaluation.templates import render

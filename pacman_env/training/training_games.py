@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pacman_env.config import Config, PelletConfig, make_config
 from pacman_env.engine.cores import cores
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
-from pacman_env.episodes.rollout import allowed
+from pacman_env.episodes.decisions import allowed
 from pacman_env.game.ghosts import GHOST_NAMES, POLICY, WANDER
 from pacman_env.policies.base import Policy
 from pacman_env.policies.metadata import Training

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.episodes.rollout import allowed
+from pacman_env.episodes.decisions import allowed, ghost_choices, play_until_due
 from pacman_env.game.ends import ENDS, RUNNING, End
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
@@ -19,7 +19,7 @@ from pacman_env.policies.base import KIND_NAMES, Policy, reach
 from pacman_env.policies.policy_calls import PolicyError, choose
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, TO_CANDIDATE, TO_CELL
+from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, TO_CELL, choices_of
 from pacman_env.sim.maps.level_source import LevelSource
 from pacman_env.sim.observation.situation import Situation
 from pacman_env.sim.observation.situation_writer import situation_of
@@ -62,7 +62,8 @@ class PlayedRound:
         self.seed, self.names = seed, tuple(policies)
         self._behaviours = config.clyde.ghosts
         outside = tuple(POLICY if k in ghost_roles else name for k, name in enumerate(self._behaviours))
-        self.config = config.with_fields(**{"clyde.ghosts": outside, "action": "goal", "endless": False})
+        fixed = {"action": "goal", "decisions.when": "tick", "endless": False}
+        self.config = config.with_fields(**{"clyde.ghosts": outside, **fixed})
         self.ghost_roles, self._ghosts = ghost_roles, dict(ghosts)
         self._source = source
         self._policies = [make_policy(name) for name in policies]
@@ -170,7 +171,7 @@ class PlayedRound:
         if self.over:
             return
         batch, situation = self.batch, self._situation
-        chosen = [self._page_number(_choice(policy, situation, self.batch.hold)) for policy in self._policies]
+        chosen = [self._page_choice(policy, situation) for policy in self._policies]
         sent = self._ghost_choices(orders)
         self._sent = dict(orders.ghosts)
         self.situations.append(situation)
@@ -181,7 +182,8 @@ class PlayedRound:
         else:
             if orders.robot:
                 goal = self.hold if orders.goal is None else orders.goal
-            batch.step(allowed(situation, self._numbers[[goal]], batch.hold), sent)
+            choice = allowed(situation, self._numbers[[goal]], batch.hold)
+            play_until_due(batch, choice, choose_for_ghosts=lambda: sent)
         self.by_person |= orders.robot or orders.velocity is not None
         self.choices.append([goal, *chosen])
         if self.baseline is not None:
@@ -193,23 +195,21 @@ class PlayedRound:
         matches = np.flatnonzero(self._numbers == candidate)
         return int(matches[0]) if len(matches) else self.hold
 
+    def _page_choice(self, policy: Policy, situation: Situation) -> int:
+        return self._page_number(int(_choice(policy, situation)[0]))
+
     def _ghost_choices(self, orders: Orders) -> NDArray[Any] | None:
-        batch = self.batch
-        if not (self.ghost_roles or self._ghosts):
-            return None
-        choices = np.zeros(batch.ghosts.shape, dtype=GHOST_CHOICE)
-        for k, policy in self._ghosts.items():
-            if k not in orders.ghosts:
-                choices[:, k] = TO_CANDIDATE, _choice(policy, situation_of(batch, k), batch.hold)
+        """Return the choices (1, G) of people and ghost policies; people's orders replace a policy's choice."""
+        given = {}
         for k in self.ghost_roles:
             cell = orders.ghosts.get(k)
-            if cell == FOLLOW:
-                choices[:, k] = AS_BEHAVIOUR, BEHAVIOUR_NAMES.index(CHASE)
-            elif cell is not None:
-                choices[:, k] = TO_CELL, cell
-            elif k not in self._ghosts and self._behaviours[k] in BEHAVIOUR_NAMES:
-                choices[:, k] = AS_BEHAVIOUR, BEHAVIOUR_NAMES.index(self._behaviours[k])
-        return choices
+            behaviour = CHASE if cell == FOLLOW else self._behaviours[k]
+            if cell is not None and cell != FOLLOW:
+                given[k] = choices_of(np.array([cell]), TO_CELL)
+            elif behaviour in BEHAVIOUR_NAMES and (cell == FOLLOW or k not in self._ghosts):
+                given[k] = choices_of(np.array([BEHAVIOUR_NAMES.index(behaviour)]), AS_BEHAVIOUR)
+        policies = {k: policy for k, policy in self._ghosts.items() if k not in orders.ghosts}
+        return ghost_choices(self.batch, policies, given, _choice)
 
     def _snapshot(self) -> Frame:
         batch, g, situation = self.batch, self.batch.games[0], self._situation
@@ -262,7 +262,7 @@ class PlayedRound:
         for policy in policies:
             policy.reset(_ALL, self.config)
             for earlier in self.situations[:tick]:
-                _choice(policy, earlier, self.batch.hold)
+                _choice(policy, earlier)
         return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 
     def why_now(self) -> dict[str, Any]:
@@ -275,9 +275,7 @@ class PlayedRound:
     def _terms(self, situation: Situation, policies: list[Any], goal: int) -> dict[str, Any]:
         named = dict(zip(self.names, policies, strict=True))
         explained = {name: policy.explain(situation)[0] for name, policy in named.items()}
-        chosen = {
-            name: self._page_number(_choice(policy, situation, self.batch.hold)) for name, policy in named.items()
-        }
+        chosen = {name: self._page_choice(policy, situation) for name, policy in named.items()}
 
         def plain(terms: Mapping[str, Any]) -> dict[str, Any]:
             shown = {name: value for name, value in terms.items() if name not in ("kind", "allowed")}
@@ -294,12 +292,12 @@ class PlayedRound:
         return {"time_s": time_s, "goal": goal, "rows": rows, "policies": list(self.names), "chosen": chosen}
 
 
-def _choice(policy: Policy, situation: Situation, hold: int) -> int:
-    """Return a policy's choice for one game; if a user's policy fails, hold, because other people use the page, too."""
+def _choice(policy: Policy, situation: Situation) -> NDArray[np.int64]:
+    """Return a policy's choice (1,), or hold if a user's policy fails, because other people use the page, too."""
     try:
-        return int(choose(policy, situation)[0])
+        return choose(policy, situation)
     except PolicyError:
-        return hold
+        return np.array([situation.mask.shape[1] - 1])
 
 
 class Recordings:

@@ -12,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from pacman_env.sim.observation.situation_writer import situation_of
 from tests.envs.adapters import CASES, episodes, made, play
 from tests.envs.cases import AXES, PAIRWISE, RANGES

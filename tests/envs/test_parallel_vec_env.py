@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pacman_env
-from pacman_env.envs.game_runner import GameRunner
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
+from pacman_env.envs.resets import of_game as part_of
 from tests.envs.adapters import GAMES, ParallelVec
 from tests.envs.cases import PAIRWISE, SEVERAL_LEARNERS, arguments, name
 from tests.envs.helpers import QUICK, joined, same
@@ -49,7 +49,7 @@ def test_games_equal_pettingzoo_environments(k: int, case: str) -> None:
         assert env.action_space(agent) == singles[0].action_space(agent)
     observations, infos = env.reset(seed=11)
     for i, single in enumerate(singles):
-        assert same((GameRunner.of_game(observations, i), of_game(env, infos, i)), single.reset(seed=11 + i))
+        assert same((part_of(observations, i), of_game(env, infos, i)), single.reset(seed=11 + i))
     for step in range(100):
         actions = actions if step % 4 else games.sample(rng)  # noqa: F821
         as_array = np.stack(list(actions.values()), axis=1) if step % 3 and env.config.action == "goal" else actions
@@ -59,7 +59,7 @@ def test_games_equal_pettingzoo_environments(k: int, case: str) -> None:
         over = terminated | truncated
         assert bool(final) == (mode == "SameStep" and bool(over.any()))
         if mode == "Disabled":
-            final = {"final_observation": [GameRunner.of_game(observations, i) for i in range(GAMES)]}
+            final = {"final_observation": [part_of(observations, i) for i in range(GAMES)]}
             final |= {"final_info": infos, "final_state": env.state()}
             if over.any():
                 observations, infos = env.reset(mask=over)
@@ -75,7 +75,7 @@ def test_games_equal_pettingzoo_environments(k: int, case: str) -> None:
             elif final and mode == "SameStep":
                 assert final["final_observation"][i] is None
                 assert not any(final[f"_final_{part}"][i] for part in ("observation", "info", "state"))
-            assert same((GameRunner.of_game(observations, i), of_game(env, infos, i)), (seen, told)), step
+            assert same((part_of(observations, i), of_game(env, infos, i)), (seen, told)), step
             assert same(env.state()[i], single.state())
     assert ends > 1
 
@@ -90,7 +90,7 @@ def test_finished_games_do_not_change_until_reset() -> None:
         assert earned[~over].all()
         state = env.state()
         for i in np.flatnonzero(terminated | truncated).tolist():
-            now = GameRunner.of_game(observations, i), terminated[i], truncated[i], state[i], infos["outcome"][i]
+            now = part_of(observations, i), terminated[i], truncated[i], state[i], infos["outcome"][i]
             assert same(now, kept.setdefault(i, now))
         over = terminated | truncated
     assert over.all()

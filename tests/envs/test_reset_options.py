@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import pacman_env
 from pacman_env.config import ConfigError, make_config
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.resets import ResetOptions

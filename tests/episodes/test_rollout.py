@@ -3,7 +3,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
-from pacman_env.episodes.rollout import MOST_ROUNDS, allowed, episode_seeds, play, play_in
+from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds, play, play_in
 from pacman_env.evaluation.rounds.scenarios import Levels, open_scenario
 from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
@@ -91,15 +91,6 @@ def test_policy_ghosts_play_in_existing_games() -> None:
     np.testing.assert_array_equal(found, expected)
     alone = play(source, config.with_fields(**{"clyde.ghosts": ("wander", "wander")}), "clyde_aware", seeds)[0]
     assert (alone["time_s"] != found["time_s"]).any()
-
-
-def test_forbidden_choice_becomes_hold() -> None:
-    batch = GameBatch(map_assets("house", CONFIG), CONFIG, 5)
-    batch.reset(np.arange(5), np.arange(5, dtype=np.uint64))
-    batch.alive[0, 2] = False
-    choices = np.array([2, 2, batch.candidates, -1, batch.hold])
-    taken = allowed(situation_of(batch), choices, batch.hold)
-    assert taken.tolist() == [batch.hold, 2, batch.hold, batch.hold, batch.hold]
 
 
 def test_endless_game_stops_after_most_rounds() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.envs.outcome import OUTCOMES
+from pacman_env.envs.infos import OUTCOMES
 from pacman_env.game.round import State
 from pacman_env.web import page_messages
 from pacman_env.web.page_messages import MOST_BYTES, as_json, parse

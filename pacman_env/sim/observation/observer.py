@@ -70,6 +70,11 @@ class Observer:
         batch, config, ghost = state
         self.__init__(batch, config, ghost=ghost)  # type: ignore[misc]
 
+    @property
+    def by_python(self) -> bool:
+        """Return True if :meth:`finish` has to fill kinds of observation that are not compiled."""
+        return bool(self._filled)
+
     @cached_property
     def situation(self) -> Situation:
         """Input arrays of the observation; each observation overwrites them."""
