@@ -10,7 +10,6 @@ from ..engine.pipeline import Stage
 from ..policies.base import Flags, Indices
 from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage
 from ..sim.observation.observer import Observer
-from ..sim.observation.planner_features import NEEDS_MAPS
 from .spaces import velocities
 
 
@@ -52,8 +51,8 @@ class ObservedGames:
         batch.prepare_ticks(watch=self._by_event, most=ALL_TICKS if self._by_event else 1)
         self.take_turns()
         result = self.observer.pipeline(before=self._play_stages).run(batch.n)
-        if result:  # a physics space or a map must be prepared, or a ghost's function raised
-            batch.resume(max(result, 1) if result <= NEEDS_MAPS else result)
+        if result:  # a physics space must be prepared, or a ghost's function raised
+            batch.resume(result)
             self.observer.observe()
         else:
             self.observer.finish()
