@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numba
 import numba.core.config as numba_config
 from llvmlite import ir
-from numba.core import cgutils
 from numba.core import types as numba_types
 
 from .cache_folder import kernel_folder
@@ -74,19 +73,6 @@ def _with_rules_compiled(function: F) -> F:
     copy = types.FunctionType(function.__code__, {**used, **rules}, function.__name__, function.__defaults__)
     copy.__qualname__, copy.__module__ = function.__qualname__, function.__module__
     return typing.cast(F, copy)
-
-
-@operation(numba_types.void, None, None)
-def prefetch(context, builder, signature, array, index):  # type: ignore[no-untyped-def]
-    """Prefetch the memory of row ``index`` of a C-contiguous 2D array; invalid addresses are no error."""
-    view = context.make_array(signature.args[0])(context, builder, array)
-    start = builder.bitcast(view.data, ir.IntType(8).as_pointer())
-    row = context.cast(builder, index, signature.args[1], numba_types.intp)
-    offset = builder.mul(row, cgutils.unpack_tuple(builder, view.strides)[0])
-    word = ir.IntType(32)
-    kind = ir.FunctionType(ir.VoidType(), [start.type, word, word, word])
-    call = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-    builder.call(call, [builder.gep(start, [offset]), word(0), word(3), word(1)])
 
 
 @operation(numba_types.uint64, numba_types.uint64)

@@ -18,7 +18,6 @@ from ..sim.core import compile_ahead
 from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage
 from ..sim.observation.kinds import FLAT, MASK
 from ..sim.observation.observer import Observer
-from ..sim.observation.planner_features import NEEDS_MAPS
 from .arguments import EnvArguments
 from .infos import GameInfos
 from .rewards import Ends, StepRewards
@@ -164,11 +163,9 @@ class GameRunner:
         batch.begin_decisions(ALL_TICKS if self._by_event else 1)
         self._take_turns()
         result = self.observer.pipeline(before=self._stages).run(batch.n)
-        if NEEDS_MAPS < result < 0:
+        if result < 0:
             batch.raise_error_of_ghost(result)
-        if result:  # a map must be prepared
-            self.observer.observe()
-        elif self._finishes:
+        if self._finishes:
             self.observer.finish()
 
     def _stages(self) -> list[Stage]:

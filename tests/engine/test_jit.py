@@ -9,24 +9,7 @@ import numpy as np
 import pytest
 
 from pacman_env.engine import cache_folder
-from pacman_env.engine.jit import kernel, lowest_bit, prefetch
-
-
-@kernel
-def _ask_for_all(array, beyond):  # type: ignore[no-untyped-def]
-    total = 0
-    for k in range(-beyond, len(array) + beyond):
-        prefetch(array, k)
-    for k in range(len(array)):
-        total += array[k, 0]
-    return total
-
-
-def test_prefetch_changes_nothing_and_never_fails() -> None:
-    array = np.arange(12, dtype=np.uint8).reshape(4, 3)
-    for beyond in (0, 10**6):
-        assert _ask_for_all(array, beyond) == 0 + 3 + 6 + 9
-    np.testing.assert_array_equal(array.ravel(), np.arange(12))
+from pacman_env.engine.jit import kernel, lowest_bit
 
 
 @kernel

@@ -19,7 +19,6 @@ from .planner_features import (
     GLOBAL_FEATURES,
     MOST,
     maps_changed,
-    maps_wanted,
     planner_stage,
 )
 from .raster import CHANNELS, FRIGHTENED, PRESENT, raster_all, scan_all
@@ -112,15 +111,11 @@ class CompiledKind(_Described):
     stage: Callable[[GameBatch, Situation, NDArray[np.bool_], Observation], Stage]
     #: Called after games have moved to the maps in these slots.
     maps_changed: Callable[[Situation, NDArray[np.int64]], None] | None = None
-    #: Called if the stage returns a negative number; the stage then runs again.
-    maps_wanted: Callable[[Situation], None] | None = None
 
     def fill(self, batch: GameBatch, situation: Situation) -> Observation:
         """Run the stage on new arrays; see :meth:`ObservationKind.fill`."""
         parts = self.parts(batch).items()
         arrays: Observation = {key: np.zeros((len(situation), *part.shape), part.dtype) for key, part in parts}
-        if self.maps_wanted is not None:
-            self.maps_wanted(situation)
         job, tables = self.stage(batch, situation, np.ascontiguousarray(situation.mask), arrays)
         situation.threads.run(job, tables, len(situation))
         return arrays
@@ -222,7 +217,7 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
 FEATURES = CompiledKind(
     "features", _feature_parts, lambda batch, situation, wanted, arrays: features_stage(situation, arrays)
 )
-PLANNER = CompiledKind("planner", _planner_parts, _planner_stage, maps_changed, maps_wanted)
+PLANNER = CompiledKind("planner", _planner_parts, _planner_stage, maps_changed)
 POWER = CompiledKind("power", _power_parts, lambda batch, situation, wanted, arrays: power_stage(situation, arrays))
 SCAN = _Kind("scan", _scan_parts, _scan, simulated=True)
 BEARINGS = _Kind("bearings", _bearing_parts, _bearings)

@@ -147,8 +147,10 @@ class Observer:
     def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:
         """Observe all games, or the games ``index`` (M,), as the robot (-1) or a ghost, and return ``result``."""
         look = self.pipeline(player)
-        while (look.run(self._batch.n) if index is None else look.run_some(index)) < 0:
-            self.maps_wanted()
+        if index is None:
+            look.run(self._batch.n)
+        else:
+            look.run_some(index)
         return self.finish()
 
     def finish(self) -> Observation:
@@ -188,12 +190,6 @@ class Observer:
         for kind in self._compiled:
             if kind.maps_changed is not None:
                 kind.maps_changed(self.situation, slots)
-
-    def maps_wanted(self) -> None:
-        """Prepare missing maps. Call it when a pipeline returns a negative number, and then run the pipeline again."""
-        for kind in self._compiled:
-            if kind.maps_wanted is not None:
-                kind.maps_wanted(self.situation)
 
     @cached_property
     def _lay_out(self) -> Pipeline:

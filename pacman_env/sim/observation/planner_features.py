@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
 from ...engine.pipeline import Stage
-from ...game.behaviour_belief import BELIEVED, comes
+from ...game.behaviour_belief import BELIEVED
 from ...game.goal_cost import TOTAL, ScorerParameters, is_threatening, score_situation
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
-from ..maps.level import COARSE_MAP, level_arrays
+from ..maps.level import level_arrays
 from . import prediction
 from .planner_columns import (
     CANDIDATE_FEATURES,
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
 
 VERSION = 4
-NEEDS_MAPS = -(2**40)  # result of a stage that must run again after maps were prepared
 _AROUND_M = 2.5  # pellets within this path length count as around a place
 _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 
@@ -75,8 +74,7 @@ def planner_features(situation: Situation, robot_speed_mps: float) -> tuple[NDAr
     whole = np.empty((games, _WHOLE_COLUMNS), dtype=np.float32)
     mask = np.ascontiguousarray(situation.mask)
     job, tables = planner_stage(situation, robot_speed_mps, mask, candidates, whole)
-    while situation.threads.run(job, tables, games) <= NEEDS_MAPS:
-        maps_wanted(situation)
+    situation.threads.run(job, tables, games)
     return candidates, whole
 
 
@@ -89,9 +87,10 @@ def planner_stage(
 ) -> Stage:
     """Return the stage that fills the features ``candidates`` (N, C, 34) and ``whole`` (N, 51) from a situation.
 
-    Features of candidates outside the mask ``wanted`` (N, C) are 0. The stage returns ``NEEDS_MAPS`` if a ghost is
-    believed to approach the robot on a map without a coarse map. Call :func:`maps_wanted` and run the stage again.
+    Features of candidates outside the mask ``wanted`` (N, C) are 0. Call :func:`maps_changed` after games have moved to
+    other maps.
     """
+    maps_changed(situation, situation.level)
     seen = prediction.seen_arrays(situation, robot_speed_mps)
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
     maps = maps_of(situation)
@@ -102,15 +101,9 @@ def planner_stage(
 
 
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
-    """Prepare the maps in ``slots`` (M,) for the prediction."""
+    """Prepare the maps in ``slots`` (M,) for prediction and outlook."""
     for level in maps_of(situation).levels(slots):
         level.add_coarse_steps()
-
-
-def maps_wanted(situation: Situation) -> None:
-    """Add the coarse map, which the outlook needs, to each map on which a ghost is believed to approach the robot."""
-    maps, hunted = maps_of(situation), comes(situation.belief.T).any(axis=0)
-    for level in maps.levels(situation.level[hunted]) if hunted.any() else ():
         add_coarse_map(level)
 
 
@@ -254,7 +247,7 @@ def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fill(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the features of the situations ``first`` to ``last - 1``; return 0 or ``NEEDS_MAPS``, see above."""
+    """Write the features of the situations ``first`` to ``last - 1``; return 0."""
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])
@@ -270,8 +263,6 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
         prediction.meet(s, level, i, wanted, request, room, True, meetings)
         coming = outlook.coming(s, i)
         if coming > 0:
-            if level.later[COARSE_MAP] == 0:
-                return NEEDS_MAPS
             outlook.look_ahead(s, i, level, wanted, memory, hunts)
         clyde_m = math.sqrt((s.clyde[i, 0] - s.robot[i, 0]) ** 2 + (s.clyde[i, 1] - s.robot[i, 1]) ** 2)
         shortest = _shortest_way(s, i)

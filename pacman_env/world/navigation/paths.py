@@ -245,10 +245,6 @@ NO_WAY = 0
 ARRIVED = 85  # a step of length 0
 _REACH = 6  # three steps of at most two cells
 _SIDE = 2 * _REACH + 1
-CODES = 1 + _SIDE**2
-_codes = np.arange(CODES) - 1
-_lengths = np.hypot(_codes % _SIDE - _REACH, _codes // _SIDE - _REACH)
-LENGTHS = np.stack([_lengths, 1.0 / np.maximum(_lengths, 1e-9)], axis=1)  # each code's length, cells; 1 / length
 
 
 def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
