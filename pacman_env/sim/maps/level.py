@@ -12,7 +12,7 @@ from ...world.navigation.paths import coarse_steps
 from ...world.navigation.walls import clear_cells
 from .assets import MapAssets
 
-COARSE_STEPS, COARSE_MAP = range(2)  # indices of ``LevelArrays.later``
+FEATURES, COARSE_MAP = range(2)  # indices of ``LevelArrays.later``
 
 
 class LevelArrays(NamedTuple):
@@ -29,8 +29,6 @@ class LevelArrays(NamedTuple):
     length_cm: Any = Array(np.uint16, "K G")  # path to each goal
     next_step: Any = Array(np.int16, "G K")  # next cell on that path, as a difference of cell numbers
     goal_xy: Any = Array(np.float64, "G 2")  # m
-    goal_cell: Any = Array(np.int32, "G")
-    goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
     plan_end: Any = Array(np.float64, "G 2")  # m, where plans to each goal end
     power: Any = Array(np.bool_, "G")  # True for power pellets
     spawn_cells: Any = Array(np.int32, "k")  # where ghosts may start
@@ -46,14 +44,16 @@ class LevelArrays(NamedTuple):
     later: Any = Array(np.int64, "2")  # addresses of tables that are built on demand; 0: not yet
 
 
-class CoarseSteps(NamedTuple):
-    """Steps along paths for ``prediction.py``, stored in tiles of 64 cells."""
+class FeatureArrays(NamedTuple):
+    """Arrays of a level that only predictions and planner features read."""
 
-    coarse_steps: Any = Array(np.uint8, "t G")
+    coarse_steps: Any = Array(np.uint8, "t G")  # steps along paths, in tiles of 64 cells
+    goal_cell: Any = Array(np.int32, "G")  # drivable cell, -1: none
+    goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
 
 
 level_arrays = arrays_by_address(LevelArrays)
-steps_of_level = arrays_by_address(CoarseSteps)
+feature_arrays = arrays_by_address(FeatureArrays)
 
 
 class LevelFacts(NamedTuple):
@@ -116,10 +116,13 @@ class Level:
         self.table.array("later")[place] = shared.address
         return shared
 
-    def add_coarse_steps(self) -> None:
-        if self.find(COARSE_STEPS) is None:
-            tiles = coarse_steps(self.assets.next_step, self.assets.grid.cell, self.assets.grid.shape)
-            self.add(COARSE_STEPS, Table(CoarseSteps, coarse_steps=tiles.reshape(-1, tiles.shape[-1])))
+    def add_feature_arrays(self) -> None:
+        if self.find(FEATURES) is None:
+            assets = self.assets
+            tiles = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
+            steps = tiles.reshape(-1, tiles.shape[-1])
+            goals = {"goal_cell": assets.goal_cell, "goal_apart_m": assets.goal_apart_m}
+            self.add(FEATURES, Table(FeatureArrays, coarse_steps=steps, **goals))
 
 
 def _unpickle(arrays: dict[str, Any], *others: Any) -> Level:
@@ -148,8 +151,6 @@ def _arrays(assets: MapAssets, config: Config) -> dict[str, Any]:
         "length_cm": assets.length_cm,
         "next_step": assets.next_step,
         "goal_xy": assets.goal_xy,
-        "goal_cell": assets.goal_cell,
-        "goal_apart_m": assets.goal_apart_m,
         "plan_end": np.where(moved[:, None], nearest, assets.goal_xy),
         "power": assets.power_pellets(config.power.pellets),
         "spawn_cells": assets.spawn_cells,

@@ -24,7 +24,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
-from ..maps.level import level_arrays
+from ..maps.level import FEATURES, feature_arrays, level_arrays
 from . import prediction
 from .planner_columns import (
     CANDIDATE_FEATURES,
@@ -103,7 +103,7 @@ def planner_stage(
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
     """Prepare the maps in ``slots`` (M,) for prediction and outlook."""
     for level in maps_of(situation).levels(slots):
-        level.add_coarse_steps()
+        level.add_feature_arrays()
         add_coarse_map(level)
 
 
@@ -224,10 +224,10 @@ def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
 @kernel
 def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
     """Write the columns for pellets and ghost cells around candidate c to ``f``, if it has a cell on the grid."""
-    g = s.goal[i, c]
-    if g < 0 or level.goal_cell[g] < 0:
+    g, goals = s.goal[i, c], feature_arrays(level.later[FEATURES])
+    if g < 0 or goals.goal_cell[g] < 0:
         return
-    lengths = level.length_cm[level.goal_cell[g]]
+    lengths = level.length_cm[goals.goal_cell[g]]
     nearest, total, others, around = FAR_M, 0.0, 0, 0
     for k in range(s.mask.shape[1]):
         if s.kind[i, k] != PELLET or not s.mask[i, k] or k == c or s.goal[i, k] < 0:
@@ -241,7 +241,7 @@ def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
     f[CandidateColumn.NEAREST_PELLET] = nearest / 5.0 if others > 0 else 0.0
     f[CandidateColumn.MEAN_PELLET] = total / others / 5.0 if others > 0 else 0.0
     f[CandidateColumn.PELLETS_AROUND] = min(around / 4.0, MOST)
-    f[CandidateColumn.CLYDE_APART] = min(level.goal_apart_m[g], 1.0)
+    f[CandidateColumn.CLYDE_APART] = min(goals.goal_apart_m[g], 1.0)
     f[CandidateColumn.HANDCRAFTED_COST] = min(cost, FAR_M) / 5.0 if s.kind[i, c] == PELLET else 0.0
 
 

@@ -17,7 +17,7 @@ from ...engine.native import address_of
 from ...world.navigation.controller import START_FIELDS, start_s, start_values
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, NO_WAY, TILE, coarse_step, tile_index
-from ..maps.level import COARSE_STEPS, level_arrays, steps_of_level
+from ..maps.level import FEATURES, feature_arrays, level_arrays
 from .situation import HARMLESS, LAYOUT, Situation, maps_of
 
 STEP_S = 0.5  # time between two instants
@@ -78,7 +78,7 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
     maps = maps_of(situation)
     for level in maps.levels(situation.level):
-        level.add_coarse_steps()
+        level.add_feature_arrays()
     block, *lengths = situation.block()
     values = (*lengths, maps.most_goals, robot_speed_mps, *start_values(maps.config))
     request = np.array([values], dtype=REQUEST)
@@ -144,7 +144,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _map_of(level):  # type: ignore[no-untyped-def]
-    steps, across = steps_of_level(level.later[COARSE_STEPS]).coarse_steps, -(-level.snap.shape[1] // TILE)
+    steps, across = feature_arrays(level.later[FEATURES]).coarse_steps, -(-level.snap.shape[1] // TILE)
     return _Map(steps, across, level.affine, math.sqrt(level.affine[0] ** 2 + level.affine[3] ** 2))
 
 
