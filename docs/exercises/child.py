@@ -145,19 +145,19 @@ class Answers:
         reset(self._thing, games, self._config)
         return {}, []
 
-    def scores(self, block: np.ndarray, lengths: list[int]) -> Message:
+    def scores(self, *arrays: np.ndarray) -> Message:
         """Return the policy's scores (N, C) in a situation."""
-        return {}, [scores(self._thing, self._situation(block, lengths))]
+        return {}, [scores(self._thing, self._situation(arrays))]
 
-    def select(self, block: np.ndarray, lengths: list[int]) -> Message:
+    def select(self, *arrays: np.ndarray) -> Message:
         """Return the policy's candidates (N,) in a situation."""
-        return {}, [np.asarray(choose(self._thing, self._situation(block, lengths)))]
+        return {}, [np.asarray(choose(self._thing, self._situation(arrays)))]
 
-    def call(self, name: str, block: np.ndarray, lengths: list[int]) -> Message:
+    def call(self, name: str, *arrays: np.ndarray) -> Message:
         """Return the arrays that a function returns, and the situation after the call."""
-        got = self._named(name)(situation := self._situation(block, lengths))
+        got = self._named(name)(situation := self._situation(arrays))
         parts = [np.asarray(part) for part in got] if isinstance(got, tuple) else []
-        return {"text": repr(got)[:MOST_TEXT]}, [situation.block()[0], *parts]
+        return {"text": repr(got)[:MOST_TEXT]}, [*situation.arrays(), *parts]
 
     def train(self, name: str) -> Message:
         """Return whether the model of a function can predict."""
@@ -174,10 +174,8 @@ class Answers:
             raise Absent(f"expected a class or function {name!r} in the file, found none")
         return thing
 
-    def _situation(self, block: np.ndarray, lengths: list[int]) -> Situation:
-        situation = Situation.empty(*lengths, maps=self._maps)
-        situation.block()[0][:] = block
-        return situation
+    def _situation(self, arrays: tuple[np.ndarray, ...]) -> Situation:
+        return Situation(*arrays, maps=self._maps)
 
 
 def limit(seconds: float) -> None:

@@ -61,8 +61,7 @@ class Student:
 
     def ask_about(self, question: str, situation: Situation, *names: str) -> Message:
         """Return the answer to a question about a situation."""
-        block, *lengths = situation.block()
-        return self.ask(question, *names, arrays=[block], lengths=lengths)
+        return self.ask(question, *names, arrays=situation.arrays())
 
     def stop(self) -> str:
         """Kill the child and its children; return the last lines that they printed."""

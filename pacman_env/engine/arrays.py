@@ -1,4 +1,4 @@
-"""Pass many arrays to kernels by one address: tables of arrays and memory blocks, declared by named tuples."""
+"""Pass many arrays to kernels by one address: tables of arrays, declared by named tuples."""
 
 import functools
 import itertools
@@ -12,9 +12,6 @@ from numba.np.arrayobj import populate_array
 from numpy.typing import NDArray
 
 from .native import WORD, operation
-
-LENGTHS = "N", "C", "G"  # axes of a block: games, candidates, ghosts
-_ALIGNMENT = 8
 
 
 class Array(NamedTuple):
@@ -205,52 +202,3 @@ def _vector_at(scalar: Any) -> Callable[[int, int], Any]:
 
 
 reals_at, floats_at, bytes_at = (_vector_at(scalar) for scalar in (types.float64, types.float32, types.int8))
-
-
-class Layout:
-    """Layout of the arrays of a named tuple in one memory block, which depends on the ``LENGTHS``.
-
-    ``arrays`` is a function for kernels: it takes a block's address and the lengths, and returns the named tuple.
-    """
-
-    def __init__(self, kind: type[tuple[Any, ...]]) -> None:
-        self.fields = declared(kind)
-        self.places = functools.lru_cache(maxsize=64)(self._places)
-        tuple_type, declarations = _numba_type(kind), tuple(self.fields.values())
-
-        @operation(tuple_type, *[types.int64] * 4)
-        def arrays(context, builder, signature, block, n, candidates, ghosts):  # type: ignore[no-untyped-def]
-            """Generate code that returns the arrays of a block at the address ``block``; all arguments are int64."""
-            length_of = dict(zip(LENGTHS, (n, candidates, ghosts), strict=True))
-            members, at = [], block
-            for one, (dtype, axes) in zip(tuple_type.types, declarations, strict=True):
-                shape = [WORD(axis) if isinstance(axis, int) else length_of[axis] for axis in axes]
-                members.append(_array_at(context, builder, one, at, shape))
-                size = functools.reduce(builder.mul, shape, WORD(dtype.itemsize))
-                up = builder.add(size, WORD(_ALIGNMENT - 1))
-                at = builder.add(at, builder.and_(up, WORD(-_ALIGNMENT)))
-            return context.make_tuple(builder, tuple_type, members)
-
-        self.arrays = arrays
-
-    def _places(self, *lengths: int) -> tuple[dict[str, tuple[np.dtype[Any], tuple[int, ...], int]], int]:
-        """Return dtype, shape and offset (bytes) of each array by name, and the size of the block in bytes."""
-        length_of = dict(zip(LENGTHS, lengths, strict=True))
-        places, at = {}, 0
-        for name, (dtype, axes) in self.fields.items():
-            shape = tuple(axis if isinstance(axis, int) else length_of[axis] for axis in axes)
-            places[name] = dtype, shape, at
-            at += -(-int(np.prod(shape)) * dtype.itemsize // _ALIGNMENT) * _ALIGNMENT
-        return places, at
-
-    def new(self, *lengths: int) -> NDArray[np.uint8]:
-        """Return the uninitialized memory of a block with these ``LENGTHS``."""
-        return np.empty(max(self.places(*lengths)[1], 1), dtype=np.uint8)
-
-    def view(self, block: NDArray[np.uint8], name: str, *lengths: int) -> NDArray[Any]:
-        dtype, shape, at = self.places(*lengths)[0][name]
-        return np.ndarray(shape, dtype, block, at)
-
-    def views(self, block: NDArray[np.uint8], *lengths: int) -> dict[str, NDArray[Any]]:
-        places, _ = self.places(*lengths)
-        return {name: np.ndarray(shape, dtype, block, at) for name, (dtype, shape, at) in places.items()}

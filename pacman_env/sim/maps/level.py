@@ -12,7 +12,7 @@ from ...world.navigation.paths import coarse_steps
 from ...world.navigation.walls import clear_cells
 from .assets import MapAssets
 
-FEATURES, COARSE_MAP = range(2)  # indices of ``LevelArrays.later``
+PREDICTION, COARSE_MAP = range(2)  # indices of ``LevelArrays.later``
 
 
 class LevelArrays(NamedTuple):
@@ -44,7 +44,7 @@ class LevelArrays(NamedTuple):
     later: Any = Array(np.int64, "2")  # addresses of tables that are built on demand; 0: not yet
 
 
-class FeatureArrays(NamedTuple):
+class PredictionArrays(NamedTuple):
     """Arrays of a level that only predictions and planner features read."""
 
     coarse_steps: Any = Array(np.uint8, "t G")  # steps along paths, in tiles of 64 cells
@@ -53,7 +53,7 @@ class FeatureArrays(NamedTuple):
 
 
 level_arrays = arrays_by_address(LevelArrays)
-feature_arrays = arrays_by_address(FeatureArrays)
+prediction_arrays = arrays_by_address(PredictionArrays)
 
 
 class LevelFacts(NamedTuple):
@@ -116,13 +116,13 @@ class Level:
         self.table.array("later")[place] = shared.address
         return shared
 
-    def add_feature_arrays(self) -> None:
-        if self.find(FEATURES) is None:
+    def add_prediction_arrays(self) -> None:
+        if self.find(PREDICTION) is None:
             assets = self.assets
             tiles = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
             steps = tiles.reshape(-1, tiles.shape[-1])
             goals = {"goal_cell": assets.goal_cell, "goal_apart_m": assets.goal_apart_m}
-            self.add(FEATURES, Table(FeatureArrays, coarse_steps=steps, **goals))
+            self.add(PREDICTION, Table(PredictionArrays, coarse_steps=steps, **goals))
 
 
 def _unpickle(arrays: dict[str, Any], *others: Any) -> Level:

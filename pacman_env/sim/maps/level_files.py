@@ -23,13 +23,13 @@ from ...engine.arrays import Table, address, declared
 from ...engine.cache_folder import cache_dir, check_kept, warn_unkept
 from ..coarse.coarse_map import CoarseArrays, add_coarse_map
 from .assets import MapAssets, configuration_key, prune
-from .level import COARSE_MAP, FEATURES, FeatureArrays, Level, LevelArrays, LevelFacts
+from .level import COARSE_MAP, PREDICTION, Level, LevelArrays, LevelFacts, PredictionArrays
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
 _KEEP_BYTES = 12 << 30  # limit for all folders; a house takes 5 MB
 _OWN = -1  # instead of an index of ``LevelArrays.later``: the level's own arrays
-_LATER = {FEATURES: FeatureArrays, COARSE_MAP: CoarseArrays}
+_LATER = {PREDICTION: PredictionArrays, COARSE_MAP: CoarseArrays}
 _KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}
 _HEAD = np.dtype(
     [
@@ -74,7 +74,7 @@ class LevelFiles:
         temporary = None
         try:
             check_kept()  # do not try again after a failure
-            level.add_feature_arrays()
+            level.add_prediction_arrays()
             add_coarse_map(level)
             path = self._path(number)
             if not path.parent.is_dir():

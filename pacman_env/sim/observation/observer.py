@@ -19,7 +19,7 @@ from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown
 from .learner_layout import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
 from .robot_features import Observation, unit_scale
 from .situation import MISSING, NearestCounts, Situation
-from .situation_writer import situation_stage
+from .situation_writer import new_situation, situation_stage
 
 
 class Observer:
@@ -78,8 +78,7 @@ class Observer:
     @cached_property
     def situation(self) -> Situation:
         """Input arrays of the observation; each observation overwrites them."""
-        batch = self._batch
-        return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
+        return new_situation(self._batch)
 
     @cached_property
     def order(self) -> NDArray[np.int64]:

@@ -24,7 +24,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..coarse import outlook
 from ..coarse.coarse_map import add_coarse_map
 from ..core.beliefs import apart_cm
-from ..maps.level import FEATURES, feature_arrays, level_arrays
+from ..maps.level import PREDICTION, level_arrays, prediction_arrays
 from . import prediction
 from .planner_columns import (
     CANDIDATE_FEATURES,
@@ -37,7 +37,7 @@ from .planner_columns import (
     GlobalColumn,
     TokenColumn,
 )
-from .situation import FRIGHTENED_S, HOLD, PELLET, REFUGE, Situation, maps_of
+from .situation import FRIGHTENED_S, HOLD, PELLET, REFUGE, Situation, maps_of, situation_arrays
 
 if TYPE_CHECKING:
     from ..maps.level_slots import LevelSlots
@@ -103,7 +103,7 @@ def planner_stage(
 def maps_changed(situation: Situation, slots: NDArray[np.integer[Any]]) -> None:
     """Prepare the maps in ``slots`` (M,) for prediction and outlook."""
     for level in maps_of(situation).levels(slots):
-        level.add_feature_arrays()
+        level.add_prediction_arrays()
         add_coarse_map(level)
 
 
@@ -224,7 +224,7 @@ def _describe_hunt(h, f):  # type: ignore[no-untyped-def]
 @kernel
 def _describe_place(s, i, c, level, cost, f):  # type: ignore[no-untyped-def]
     """Write the columns for pellets and ghost cells around candidate c to ``f``, if it has a cell on the grid."""
-    g, goals = s.goal[i, c], feature_arrays(level.later[FEATURES])
+    g, goals = s.goal[i, c], prediction_arrays(level.later[PREDICTION])
     if g < 0 or goals.goal_cell[g] < 0:
         return
     lengths = level.length_cm[goals.goal_cell[g]]
@@ -251,7 +251,7 @@ def _fill(table, first, last):  # type: ignore[no-untyped-def]
     a = _arrays(table)
     candidates, whole, request = a.candidates, a.whole, a.seen.request[0]
     memory = outlook.outlook_arrays(a.outlook[0])
-    s = prediction.seen_by(a.seen)
+    s = situation_arrays(request.situation)
     room = prediction.room_to_meet(request.goals, s.mask.shape[1])
     meetings = np.empty((s.mask.shape[1], prediction.COLUMNS), np.float32)
     terms = np.empty((s.mask.shape[1], 6))

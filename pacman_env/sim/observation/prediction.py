@@ -13,12 +13,11 @@ from numpy.typing import NDArray
 
 from ...engine.arrays import Array, Table, arrays_by_address
 from ...engine.jit import kernel
-from ...engine.native import address_of
 from ...world.navigation.controller import START_FIELDS, start_s, start_values
 from ...world.navigation.grid import cell_of
 from ...world.navigation.paths import ARRIVED, NO_WAY, TILE, coarse_step, tile_index
-from ..maps.level import FEATURES, feature_arrays, level_arrays
-from .situation import HARMLESS, LAYOUT, Situation, maps_of
+from ..maps.level import PREDICTION, level_arrays, prediction_arrays
+from .situation import HARMLESS, Situation, maps_of, situation_arrays
 
 STEP_S = 0.5  # time between two instants
 STEPS = 20  # number of instants: 10 s
@@ -32,9 +31,7 @@ _ROW = 8  # rows of a ghost's paths have a multiple of this length, which makes 
 _BLOCK = 5  # instants compared per loop over the ghost's paths
 REQUEST = np.dtype(
     [
-        ("games", np.int64),  # lengths of the situation's block
-        ("candidates", np.int64),
-        ("ghosts", np.int64),
+        ("situation", np.int64),  # address of the situations' table
         ("goals", np.int64),  # largest number of goals on any level
         ("robot_speed", np.float64),  # m/s
         *START_FIELDS,
@@ -43,7 +40,6 @@ REQUEST = np.dtype(
 
 
 class SeenArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # memory block of the situations
     levels: Any = Array(np.int64, "L")  # addresses of the levels
     request: Any = Array(REQUEST, "1")
 
@@ -53,7 +49,7 @@ class _EncounterArrays(NamedTuple):
     result: Any = Array(np.float32, "N C 9")
 
 
-_arrays, _situation = arrays_by_address(_EncounterArrays), LAYOUT.arrays
+_arrays = arrays_by_address(_EncounterArrays)
 
 #: Columns of :func:`encounters`.
 CAUGHT_SOON, CAUGHT, APPROACHED, CLOSEST_MEAN, CLOSEST, TURN_COSINE, TOWARDS_CLYDE, STANDING, START_S = range(9)
@@ -78,18 +74,10 @@ def encounters(situation: Situation, robot_speed_mps: float) -> NDArray[np.float
 def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
     maps = maps_of(situation)
     for level in maps.levels(situation.level):
-        level.add_feature_arrays()
-    block, *lengths = situation.block()
-    values = (*lengths, maps.most_goals, robot_speed_mps, *start_values(maps.config))
+        level.add_prediction_arrays()
+    values = (situation.table.address, maps.most_goals, robot_speed_mps, *start_values(maps.config))
     request = np.array([values], dtype=REQUEST)
-    return SeenArrays(block, maps.addresses, request)
-
-
-@kernel
-def seen_by(seen):  # type: ignore[no-untyped-def]
-    """Return the arrays of the situations whose block is in ``seen``, a ``SeenArrays``."""
-    r = seen.request[0]
-    return _situation(address_of(seen.block), r.games, r.candidates, r.ghosts)
+    return SeenArrays(maps.addresses, request)
 
 
 class _Map(NamedTuple):
@@ -144,7 +132,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _map_of(level):  # type: ignore[no-untyped-def]
-    steps, across = feature_arrays(level.later[FEATURES]).coarse_steps, -(-level.snap.shape[1] // TILE)
+    steps, across = prediction_arrays(level.later[PREDICTION]).coarse_steps, -(-level.snap.shape[1] // TILE)
     return _Map(steps, across, level.affine, math.sqrt(level.affine[0] ** 2 + level.affine[3] ** 2))
 
 
@@ -380,7 +368,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
 def _encounters(table, first, last):  # type: ignore[no-untyped-def]
     """Write the encounters of the situations ``first`` to ``last - 1`` with the nearest ghost; return 0."""
     a = _arrays(table)
-    s = seen_by(a.seen)
+    s = situation_arrays(a.seen.request[0].situation)
     room = room_to_meet(a.seen.request[0].goals, a.result.shape[1])
     for i in range(first, last):
         level = level_arrays(a.seen.levels[s.level[i]])

@@ -27,8 +27,8 @@ from .situation import (
     Situation,
     maps_of,
     nearest_candidates,
+    situation_arrays,
 )
-from .situation import LAYOUT as situation_layout
 
 FAR_M = 100.0  # cap of all lengths
 FAST_MPS = 5.0  # cap of all speeds
@@ -91,12 +91,11 @@ class FeatureArrays(NamedTuple):
 
 
 class _RobotArrays(NamedTuple):
-    block: Any = Array(np.uint8, "b")  # memory block of the situations
-    lengths: Any = Array(np.int64, "3")
+    situation: Any = Array(np.int64, "n")  # table of the situations
     seen: Any = FeatureArrays
 
 
-_fill_arrays, _situation = arrays_by_address(_RobotArrays), situation_layout.arrays
+_fill_arrays = arrays_by_address(_RobotArrays)
 
 
 def features_stage(situation: Situation, arrays: Observation) -> Stage:
@@ -104,12 +103,11 @@ def features_stage(situation: Situation, arrays: Observation) -> Stage:
 
     Rows of forbidden candidates only contain the kind; their other columns are 0.
     """
-    block, *lengths = situation.block()
     ghosts = arrays.get("ghosts")
     if ghosts is None:
-        ghosts = np.zeros((lengths[0], lengths[2], len(GHOST_COLUMNS)), dtype=np.float32)
+        ghosts = np.zeros((*situation.ghosts.shape[:2], len(GHOST_COLUMNS)), dtype=np.float32)
     seen = FeatureArrays(**{name: arrays[name] for name in FeatureArrays._fields if name != "ghosts"}, ghosts=ghosts)
-    return write_features, [Table(_RobotArrays, block=block, lengths=np.array(lengths), seen=seen)]
+    return write_features, [Table(_RobotArrays, situation=situation.table.numbers, seen=seen)]
 
 
 @kernel
@@ -128,8 +126,7 @@ def in_robot_frame(dx, dy, cos, sin, limit):  # type: ignore[no-untyped-def]
 def write_features(table, first, last):  # type: ignore[no-untyped-def]
     """Write the ``FeatureArrays`` in ``_RobotArrays`` for the situations ``first`` to ``last - 1``; return 0."""
     a = _fill_arrays(table)
-    n, count, others = a.lengths
-    f, s = a.seen, _situation(address_of(a.block), n, count, others)
+    f, s = a.seen, situation_arrays(address_of(a.situation))
     robot, clyde, candidates, ghosts = f.robot, f.clyde, f.candidates, f.ghosts
     for i in range(first, last):
         x, y = s.robot[i, 0], s.robot[i, 1]
@@ -146,7 +143,7 @@ def write_features(table, first, last):  # type: ignore[no-untyped-def]
         clyde[i, 4] = min(math.sqrt(dx * dx + dy * dy), FAR_M)
         clyde[i, 5] = _cap(s.closing_speed[i], FAST_MPS)
         clyde[i, 6] = min(s.clyde_speed[i], FAST_MPS)
-        for c in range(count):
+        for c in range(s.mask.shape[1]):
             allowed = s.mask[i, c]
             k = s.kind[i, c]
             candidates[i, c, 0] = k == PELLET

@@ -23,7 +23,7 @@ from ..maps.assets import MapAssets
 from ..maps.level import Level
 from ..maps.level_slots import LevelSlots
 from .situation import Situation
-from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
+from .situation_kernel import REQUEST, ViewArrays, write_situations
 
 _AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
 _JUMP_M = 0.5  # a move that exceeds the ghost's speed by more than this counts as a teleport
@@ -206,7 +206,7 @@ class RobotView:
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
         situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
-        direct(self._request, situation, player)
+        self._request[0] = situation.table.address, player
         write_situations(self._view_table.address, 0, 1)
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity

@@ -11,6 +11,7 @@ to wander.
 
 from __future__ import annotations
 
+import functools
 from collections import namedtuple
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.arrays import Array, Layout
+from ...engine.arrays import Array, Table, arrays_by_address, zeros
 from ...engine.jit import kernel
 from ...engine.threads import ALONE, Threads
 from ...game.behaviour_belief import BELIEVED
@@ -87,58 +88,36 @@ class Situation:
         """Return a mask (N, G) of the ghosts that stay harmless for longer than ``power.warning_s``."""
         return self.fright[:, :, HARMLESS] > 0.0
 
-    def __getattr__(self, name: str) -> NDArray[Any]:
-        """Create an array view at its first use: a step needs few views, and creating all takes long."""
-        block = self.__dict__.get("_block")
-        if block is None or name not in LAYOUT.fields:
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-        array = self.__dict__[name] = LAYOUT.view(block[0], name, *block[1:])
-        return array
+    @functools.cached_property
+    def table(self) -> Table:
+        """Addresses of the arrays for kernels, see ``situation_arrays``."""
+        return Table(SituationArrays, **{name: np.ascontiguousarray(getattr(self, name)) for name in _NAMES})
 
     def __getstate__(self) -> dict[str, Any]:
-        """Pickle the arrays instead of the block, because the arrays of a copy would not be views of its block."""
-        arrays = dict(zip(LAYOUT.fields, self.arrays(), strict=True))
-        return {**arrays, "maps": self.maps, "threads": self.threads}
+        """Return the state without the table, because the arrays of a copy have other addresses."""
+        return {name: value for name, value in self.__dict__.items() if name != "table"}
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays in the order of the fields."""
-        return tuple(getattr(self, name) for name in LAYOUT.fields)
+        return tuple(getattr(self, name) for name in _NAMES)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """Return the situations at ``index`` (M,), or in a slice, as a smaller batch."""
-        arrays = {name: getattr(self, name)[index] for name in LAYOUT.fields}
+        arrays = {name: getattr(self, name)[index] for name in _NAMES}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
     def copy(self) -> Situation:
         """Return a copy with its own arrays."""
-        block, *lengths = self.block()
-        copied = type(self).__new__(type(self))
-        copied.__dict__.update(_block=(block.copy(), *lengths), maps=self.maps, threads=self.threads)
-        return copied
-
-    def block(self) -> tuple[NDArray[np.uint8], int, int, int]:
-        """Return the memory block of the arrays and the numbers of situations, candidates and ghosts.
-
-        Arrays outside of a block are copied to a new one.
-        """
-        if "_block" in self.__dict__:
-            return self.__dict__["_block"]
-        lengths = len(self), self.mask.shape[1], self.ghosts.shape[1]
-        block = LAYOUT.new(*lengths)
-        for name, view in LAYOUT.views(block, *lengths).items():
-            view[:] = getattr(self, name)
-        return block, *lengths
+        arrays = {name: getattr(self, name).copy() for name in _NAMES}
+        return Situation(**arrays, maps=self.maps, threads=self.threads)
 
     @classmethod
     def empty(
         cls, n: int, candidates: int, ghosts: int = 1, maps: LevelSlots | None = None, threads: Threads = ALONE
     ) -> Situation:
         """Return n situations with arrays that are not yet filled."""
-        situation = cls.__new__(cls)
-        lengths = n, candidates, ghosts
-        # The dataclass is frozen; the arrays are created at their first use.
-        situation.__dict__.update(_block=(LAYOUT.new(*lengths), *lengths), maps=maps, threads=threads)
-        return situation
+        arrays = zeros(SituationArrays, _NAMES, N=n, C=candidates, G=ghosts)
+        return cls(**arrays, maps=maps, threads=threads)
 
 
 def _declared() -> dict[str, Array]:
@@ -155,8 +134,9 @@ def _scalar(hint: Any) -> Any:
 
 #: The arrays of a situation for kernels.
 SituationArrays: Any = namedtuple("SituationArrays", _declared(), defaults=_declared().values())  # type: ignore[misc]
-#: Offsets of the arrays in the block of :meth:`Situation.empty`.
-LAYOUT = Layout(SituationArrays)
+_NAMES: tuple[str, ...] = SituationArrays._fields
+#: Returns the arrays of a :attr:`Situation.table` by its address.
+situation_arrays = arrays_by_address(SituationArrays)
 
 
 def maps_of(situation: Situation) -> LevelSlots:

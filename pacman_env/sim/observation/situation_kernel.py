@@ -4,9 +4,8 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...engine.arrays import Array, address, arrays_by_address
+from ...engine.arrays import Array, arrays_by_address
 from ...engine.jit import kernel, table_kernel
 from ...game.behaviour_belief import WANDERS
 from ...game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_frightened, is_harmless
@@ -16,7 +15,7 @@ from ...world.navigation.paths import UNREACHABLE_CM
 from ..core.kernels import NOWHERE_M, SUMMARY, RuleArrays, allowed, believed, nearest, summarize
 from ..core.parameters import GHOST
 from ..maps.level import level_arrays
-from .situation import AWAY_S, FRIGHTENED_S, HARMLESS, HOLD, LAYOUT, PELLET, REFUGE, Situation
+from .situation import AWAY_S, FRIGHTENED_S, HARMLESS, HOLD, PELLET, REFUGE, situation_arrays
 
 
 @kernel
@@ -29,10 +28,7 @@ def _metres(cell, goal, length_cm):  # type: ignore[no-untyped-def]
 #: Options of :func:`write_situations`.
 REQUEST = np.dtype(
     [
-        ("block", np.int64),  # address of the situation's block
-        ("games", np.int64),  # the block's lengths, like the next two
-        ("candidates", np.int64),
-        ("ghosts", np.int64),
+        ("situation", np.int64),  # address of the situation's table
         ("player", np.int64),  # the robot (-1) or a ghost
     ]
 )
@@ -46,13 +42,7 @@ class ViewArrays(NamedTuple):
     summary: Any = Array(np.int64, f"{len(SUMMARY)} N")
 
 
-_arrays, _situation = arrays_by_address(ViewArrays), LAYOUT.arrays
-
-
-def direct(request: NDArray[Any], situation: Situation, player: int) -> None:
-    """Write to ``request`` (1,) which situation to fill next: the robot's (``player`` -1) or ghost ``player``'s."""
-    block, *lengths = situation.block()
-    request[0] = (address(block), *lengths, player)
+_arrays = arrays_by_address(ViewArrays)
 
 
 @kernel
@@ -174,13 +164,13 @@ def _write_ghosts_view(s, i, a, level, player):  # type: ignore[no-untyped-def]
 def write_situations(table, first, last):  # type: ignore[no-untyped-def]
     """Write the situations of the games ``first`` to ``last - 1`` and their columns of ``summary``; return 0.
 
-    ``table`` is the address of ``ViewArrays``. Their ``request`` selects the block to fill, and whose situation it is:
-    the robot's, or the ghost's ``player``, for which the ghost is Clyde and the candidates are places for ghosts.
+    ``table`` is the address of ``ViewArrays``. Their ``request`` selects the situation to fill, and whose it is: the
+    robot's, or the ghost's ``player``, for which the ghost is Clyde and the candidates are places for ghosts.
     """
     a = _arrays(table)
     request = a.request[0]
     player = request.player
-    s = _situation(request.block, request.games, request.candidates, request.ghosts)
+    s = situation_arrays(request.situation)
     for i in range(first, last):
         g = a.rules.games[i]
         level = level_arrays(a.rules.levels[g.level])

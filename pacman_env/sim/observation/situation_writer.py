@@ -8,26 +8,31 @@ from ...engine.arrays import Table
 from ...engine.pipeline import Stage
 from ..core.batch import GameBatch
 from .situation import Situation
-from .situation_kernel import REQUEST, ViewArrays, direct, write_situations
+from .situation_kernel import REQUEST, ViewArrays, write_situations
 
-_stages: "weakref.WeakKeyDictionary[GameBatch, Stage]" = weakref.WeakKeyDictionary()
+#: Of each batch: arrays to write to, and the stage that writes them. Creating their table takes longer than a copy.
+_writers: "weakref.WeakKeyDictionary[GameBatch, tuple[Situation, Stage]]" = weakref.WeakKeyDictionary()
 
 
 def situation_of(batch: GameBatch, player: int = -1) -> Situation:
     """Return the current situation of the robot's policy, or of the policy of ghost ``player``, in new arrays."""
-    situation = Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
-    if batch not in _stages:
-        _stages[batch] = situation_stage(batch, situation, player)
-    write, tables = _stages[batch]
-    direct(tables[0].arrays["request"], situation, player)
+    if batch not in _writers:
+        situation = new_situation(batch)
+        _writers[batch] = situation, situation_stage(batch, situation)
+    situation, (write, tables) = _writers[batch]
+    tables[0].arrays["request"]["player"] = player
     batch.threads.run(write, tables, batch.n)
-    return situation
+    return situation.copy()
+
+
+def new_situation(batch: GameBatch) -> Situation:
+    """Return arrays for the situations of a batch, which are not yet filled."""
+    return Situation.empty(batch.n, batch.candidates, batch.ghosts.shape[1], batch.levels, batch.threads)
 
 
 def situation_stage(batch: GameBatch, situation: Situation, player: int = -1) -> Stage:
     """Return the stage that writes the situation of the robot (or of ghost ``player``) and ``batch.summary``."""
-    request = np.zeros(1, dtype=REQUEST)
-    direct(request, situation, player)
+    request = np.array([(situation.table.address, player)], dtype=REQUEST)
     table = Table(
         ViewArrays,
         rules=batch.rule_arrays,

@@ -16,7 +16,7 @@ from pacman_env.engine import cache_folder
 from pacman_env.sim.coarse.coarse_map import add_coarse_map
 from pacman_env.sim.maps import level_files, level_source
 from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.level import COARSE_MAP, FEATURES, Level
+from pacman_env.sim.maps.level import COARSE_MAP, PREDICTION, Level
 from pacman_env.sim.maps.level_files import LevelFiles
 from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps, prepare_level
 from tests.envs import helpers
@@ -57,8 +57,8 @@ def fresh(level: int, config: Config = CONFIG, scale: int = 1) -> Level:
 
 
 def everything(level: Level) -> dict[str, Any]:
-    level.add_feature_arrays()
-    steps = level.find(FEATURES)
+    level.add_prediction_arrays()
+    steps = level.find(PREDICTION)
     assert steps is not None
     found = {name: array for name, array in level.arrays.items() if name != "later"}
     found |= steps.arrays | {f"coarse {k}": v for k, v in add_coarse_map(level).arrays.items()}
@@ -78,7 +78,7 @@ def test_stored_level_equals_prepared_one(level: int, scale: int, cache: Path, p
     second = maps.prepare(level)
     assert prepared == [level]
     assert second.find(COARSE_MAP) is not None
-    assert second.find(FEATURES) is not None
+    assert second.find(PREDICTION) is not None
     assert same(first, own)
     assert same(second, own)
     assert second.assets.occupancy.hash == own.assets.occupancy.hash

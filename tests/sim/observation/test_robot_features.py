@@ -34,7 +34,7 @@ SEEDS = st.integers(0, 10**6)
 
 def features(situation: Situation) -> Observation:
     """The arrays of the kind ``features``, filled for these situations."""
-    n, candidates, ghosts = situation.block()[1:]
+    (n, candidates), ghosts = situation.mask.shape, situation.ghosts.shape[1]
     arrays = zeros(FeatureArrays, FeatureArrays._fields, N=n, C=candidates, G=ghosts)
     job, tables = features_stage(situation, arrays)
     job(tables[0].address, 0, n)

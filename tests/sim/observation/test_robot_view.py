@@ -16,7 +16,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.assets import map_assets
 from pacman_env.sim.observation.robot_view import RobotView, Seen
-from pacman_env.sim.observation.situation import LAYOUT, Situation
+from pacman_env.sim.observation.situation import Situation, SituationArrays
 from pacman_env.sim.observation.situation_writer import situation_of
 from tests.drawn import drawn
 from tests.physics_steps import watch
@@ -72,7 +72,7 @@ class Robot:
 def differences(robots: Situation, simulators: Situation, clyde_cell_m: float) -> list[str]:
     """Names of the fields in which the two differ."""
     found = []
-    for name, expected in zip(LAYOUT.fields, simulators.arrays(), strict=True):
+    for name, expected in zip(SituationArrays._fields, simulators.arrays(), strict=True):
         value = getattr(robots, name)
         if name in ROUNDED:
             same = np.allclose(value, expected, rtol=1e-9, atol=1e-12)
