@@ -185,15 +185,15 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
+def drive(g, i, paths, p, by_hand, level):  # type: ignore[no-untyped-def]
     """Run one controller step, which sets the force on the body for the next physics step.
 
-    ``paths`` (N, PATH_POINTS, 2) are plans, m, ``affine`` (6,) maps m to cells, and ``clearance`` (H, W) is in cm.
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``level`` is a ``planner.DriveMap`` or the arrays of a level.
     """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)
     else:
-        navigator.control(g, i, paths, p, affine, clearance)
+        navigator.control(g, i, paths, p, level)
     g.step += 1
 
 
@@ -266,23 +266,21 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def step_robot(state, by_hand, cells, nav, search, spaces):  # type: ignore[no-untyped-def]
+def step_robot(state, by_hand, clear, level, search, spaces):  # type: ignore[no-untyped-def]
     """Play one physics step of a single robot without a game; return False if it needs a physics space first.
 
-    ``state`` is games (1,), paths (1, PATH_POINTS, 2), obstacles (1, G, 5), parameters (1,) and goals (K, 2) in m;
-    ``cells`` are clearance (H, W) in cm and :func:`move`'s ``clear``; ``nav`` are ``planner.Fields`` without goals.
+    ``state`` is games (1,), paths (1, PATH_POINTS, 2), obstacles (1, G, 5) and parameters (1,); ``clear`` is the one of
+    :func:`move`, and ``level`` is a ``planner.DriveMap``.
     """
-    games, paths, obstacles, parameters, plan_end = state
-    clearance, clear = cells
+    games, paths, obstacles, parameters = state
     g, p = games[0], parameters[0]
     i = np.int64(0)  # a constant would be of another type and compile everything again
-    affine = nav[0]
     if not g.stage:
         if navigator.plan_due(g, g.step):
-            navigator.plan(g, i, paths, obstacles[0], p, plan_end, nav, search)
+            navigator.plan(g, i, paths, obstacles[0], p, level, search)
         refresh_heading(g)
-        drive(g, i, paths, p, by_hand, affine, clearance)
-    g.stage = not move(g, i, g.level, affine, clear, p, spaces)
+        drive(g, i, paths, p, by_hand, level)
+    g.stage = not move(g, i, g.level, level.affine, clear, p, spaces)
     if not g.stage:
         sense(g, p)
     return g.stage == 0

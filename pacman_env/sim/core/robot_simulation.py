@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import Config
-from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.controller import refresh_heading
@@ -17,7 +16,7 @@ from ...world.navigation.localization import Pose, compose, inverse, relative, w
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from ...world.navigation.physics import Spaces, clear_cells, overlap_m, touched
 from ...world.navigation.physics import place as place_body
-from ...world.navigation.planner import PATH_POINTS, detour_memory
+from ...world.navigation.planner import PATH_POINTS, DriveMap, detour_memory
 from . import kernels
 from .odometry import Odometry, OdometryErrors
 from .parameters import GAME, batch_parameters, draw_episodes
@@ -70,9 +69,10 @@ class SimulatedRobot:
         self._next_step = np.full((2, cells), NO_STEP, dtype=np.int16)
         self._plan_end = np.zeros((2, 2))
         cell_xy = np.stack(grid.to_world(*grid.cell.T), axis=1).astype(np.float32)
-        self._nav = grid.affine, grid.snap, grid.steps, cell_xy, self._length_cm, self._next_step
+        fields = self._length_cm, self._next_step, self._plan_end
+        self._map = DriveMap(grid.affine, grid.snap, grid.steps, cell_xy, *fields, grid.clearance_cm)
         self._longest_cm = 0
-        self._search = SearchArrays(*detour_memory(cells, self._longest_cm, grid.resolution))
+        self._search = detour_memory(cells, self._longest_cm, grid.resolution)
         self._velocity = (0.0, 0.0, _LONG_AGO)  # v, omega, step of the command
         self._backwards = False
         self._games = np.zeros(1, dtype=GAME)
@@ -206,7 +206,7 @@ class SimulatedRobot:
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._search = SearchArrays(*detour_memory(len(grid.cell), longest, grid.resolution))
+                self._search = detour_memory(len(grid.cell), longest, grid.resolution)
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
@@ -288,9 +288,8 @@ class SimulatedRobot:
             kernels.command(g, v, omega, parameters[0])
             if self._backwards:
                 g["command_v"] = v
-        state = self._games, self._paths, self._obstacles, parameters, self._plan_end
-        cells, spaces = (grid.clearance_cm, self._clear), SpaceArrays(*self._spaces.arrays)
-        while not kernels.step_robot(state, int(by_hand), cells, self._nav, self._search, spaces):
+        state, spaces = (self._games, self._paths, self._obstacles, parameters), SpaceArrays(*self._spaces.arrays)
+        while not kernels.step_robot(state, int(by_hand), self._clear, self._map, self._search, spaces):
             self._spaces.provide(0, grid.walls)
         wheels = None
         if slips:

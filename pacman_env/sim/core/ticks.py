@@ -116,8 +116,6 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                 d.awake = ASLEEP
         if control.resume or d.awake:
             level = level_arrays(rules.levels[g.level])
-            cells = (level.affine, level.snap, level.steps, level.cell_xy)
-            nav = (*cells, level.length_cm, level.next_step)
             for _ in range(control.ticks):
                 if g.stage == BEGIN:
                     kernels.begin_tick(g)
@@ -138,12 +136,12 @@ def play(table, first, last):  # type: ignore[no-untyped-def]
                         if g.step % p.clyde_steps == 0:
                             ghost_state.move(ghost_table, i)
                         if navigator.plan_due(g, g.step):
-                            navigator.plan(g, i, paths, rules.obstacles[i], p, level.plan_end, nav, a.search)
+                            navigator.plan(g, i, paths, rules.obstacles[i], p, level, a.search)
                         if g.substep == 0:  # the last tick already copied the pose at its end
                             refresh_heading(g)
                         else:
                             kernels.sense(g, p)
-                        kernels.drive(g, i, paths, p, control.by_hand, level.affine, level.clearance_cm)
+                        kernels.drive(g, i, paths, p, control.by_hand, level)
                         by_goal = not (p.velocity_actions or control.by_hand)
                         if g.nav_result != navigator.NO_RESULT and by_goal and not kernels.apply_result(rules, i):
                             break
