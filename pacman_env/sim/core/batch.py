@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
 from ...engine.arrays import Table, zeros
-from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
 from ...game.ends import COMPLETE
@@ -394,7 +393,7 @@ def _tick_table(batch: GameBatch, ghosts: Table) -> Table:
         ticks.TickArrays,
         rules=batch._rules,
         spaces=ticks.SpaceArrays(*batch.spaces.arrays),
-        search=SearchArrays(*search),
+        search=search,
         ghosts=ghosts.numbers,
         rewards=batch._rewards,
         control=batch._controls,

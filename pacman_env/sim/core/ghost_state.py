@@ -309,7 +309,7 @@ class Ghosts:
             remembered=remembered,
             behaviours=self._behaviours,
             levels=self._levels.addresses,
-            search=SearchArrays(*search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way)),
+            search=search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way),
         )
 
     def raise_error_of(self, table: int, game: int) -> None:
