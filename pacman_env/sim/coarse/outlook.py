@@ -156,6 +156,21 @@ def _list_ways(robot, model, goals):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _put_ghosts(s, i, model, a):  # type: ignore[no-untyped-def]
+    """Put the ghosts that are believed to approach at the start; return their number and the least distance, m."""
+    count, apart = 0, np.inf
+    for k in range(s.belief.shape[1]):
+        which = taken_for(s.belief[i, k])
+        if which == WANDERS:
+            continue
+        a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
+        put_ghost(a.ghosts[0, count], k, model, s.ghosts[i, k])
+        apart = min(apart, math.hypot(s.ghosts[i, k, 0] - s.robot[i, 0], s.ghosts[i, k, 1] - s.robot[i, 1]))
+        count += 1
+    return count, apart
+
+
+@kernel
 def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
     """Write the outlook of each candidate in situation i to ``result`` (C, COLUMNS), 0 if not ``wanted`` (C,).
 
@@ -171,17 +186,7 @@ def look_ahead(s, i, level, wanted, a, result):  # type: ignore[no-untyped-def]
     put_robot(first, model, s.robot[i, 0], s.robot[i, 1], s.robot[i, 2])
     first.time_s = s.time_s[i]
     first.pellets = np.uint64(0xFFFFFFFFFFFFFFFF) if used == 64 else (np.uint64(1) << np.uint64(used)) - np.uint64(1)
-    count = 0
-    apart = np.inf
-    for k in range(s.belief.shape[1]):
-        which = taken_for(s.belief[i, k])
-        if which == WANDERS:
-            continue
-        a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
-        x, y = s.ghosts[i, k, 0], s.ghosts[i, k, 1]
-        put_ghost(a.ghosts[0, count], k, model, s.ghosts[i, k])
-        apart = min(apart, math.hypot(x - s.robot[i, 0], y - s.robot[i, 1]))
-        count += 1
+    count, apart = _put_ghosts(s, i, model, a)
     margin = numbers.death_m
     numbers.death_m = max(a.rules[1].death_m, min(margin, apart - _APART_M))
     now = s.current[i]

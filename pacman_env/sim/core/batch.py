@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ...config import MAX_SPEED_MPS, Config, ConfigError
 from ...engine.arrays import Table
-from ...engine.bucket_queue import SearchArrays
 from ...engine.pipeline import Stage
 from ...engine.threads import Threads
 from ...game.ends import COMPLETE
@@ -293,7 +292,7 @@ def _tick_table(batch: GameBatch, ghosts: Table, contacts: Contacts) -> Table:
     return Table(
         ticks.TickArrays,
         rules=batch.rule_arrays,
-        search=SearchArrays(*search),
+        search=search,
         ghosts=ghosts.numbers,
         solver=contacts.solver,
         rewards=batch._rewards,

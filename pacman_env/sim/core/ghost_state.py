@@ -305,7 +305,7 @@ class Ghosts:
             choices=self.choices,
             behaviours=self._behaviours,
             levels=self._levels.addresses,
-            search=SearchArrays(*search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way)),
+            search=search_memory(self._levels.sizes.ghost_cells, self._levels.sizes.longest_ghost_way),
         )
 
     def raise_error_of(self, table: int, game: int) -> None:

@@ -184,15 +184,15 @@ def sense(g, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def drive(g, i, paths, p, by_hand, affine, clearance):  # type: ignore[no-untyped-def]
+def drive(g, i, paths, p, by_hand, level):  # type: ignore[no-untyped-def]
     """Run one controller step, which sets the force on the body for the next physics step.
 
-    ``paths`` (N, PATH_POINTS, 2) are plans, m, ``affine`` (6,) maps m to cells, and ``clearance`` (H, W) is in cm.
+    ``paths`` (N, PATH_POINTS, 2) are plans, m, and ``level`` is a ``planner.DriveMap`` or the arrays of a level.
     """
     if by_hand or p.velocity_actions:
         drive_wheels(g, g.command_v, g.command_w, p)
     else:
-        navigator.control(g, i, paths, p, affine, clearance)
+        navigator.control(g, i, paths, p, level)
     g.step += 1
 
 
@@ -268,15 +268,14 @@ def due(g, chosen, last, p):  # type: ignore[no-untyped-def]
 def step_robot(robot, level, by_hand):  # type: ignore[no-untyped-def]
     """Play one physics step of a single robot without a game; ``robot`` are ``robot_simulation.RobotArrays``.
 
-    ``level`` has the arrays of ``maps/level.py`` that navigator and physics read.
+    ``level`` is a ``planner.DriveMap``.
     """
     g, p = robot.games[0], robot.parameters[0]
     i = np.int64(0)  # a constant would be of another type and compile everything again
-    nav = (level.affine, level.snap, level.steps, level.cell_xy, level.length_cm, level.next_step)
     if navigator.plan_due(g, g.step):
-        navigator.plan(g, i, robot.paths, robot.obstacles[0], p, level.plan_end, nav, robot.search)
+        navigator.plan(g, i, robot.paths, robot.obstacles[0], p, level, robot.search)
     refresh_heading(g)
-    drive(g, i, robot.paths, p, by_hand, level.affine, level.clearance_cm)
+    drive(g, i, robot.paths, p, by_hand, level)
     move(g, level, p, robot.solver[0])
     sense(g, p)
 

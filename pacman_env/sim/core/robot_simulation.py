@@ -12,12 +12,12 @@ from ...engine.bucket_queue import SearchArrays
 from ...world.maps.occupancy import MapError, OccupancyMap
 from ...world.navigation import lidar, localization, navigator
 from ...world.navigation.controller import refresh_heading
-from ...world.navigation.grid import DriveGrid, build_grid
+from ...world.navigation.grid import build_grid
 from ...world.navigation.localization import Pose, compose, inverse, relative, wrap
 from ...world.navigation.paths import NO_STEP, UNREACHABLE_CM
 from ...world.navigation.physics import Contacts
 from ...world.navigation.physics import place as place_body
-from ...world.navigation.planner import PATH_POINTS, detour_memory
+from ...world.navigation.planner import PATH_POINTS, DriveMap, detour_memory
 from ...world.navigation.walls import clear_cells, overlap_m, touched
 from . import kernels
 from .odometry import Odometry, OdometryErrors
@@ -43,21 +43,6 @@ class RobotArrays(NamedTuple):
     parameters: NDArray[Any]  # (1,) of type ``PARAMETERS``
     solver: NDArray[Any]  # (1,) of type ``SOLVER``
     search: SearchArrays
-
-
-class _Surroundings(NamedTuple):
-    """Arrays of a map by their names in ``maps/level.py``, with two goals: the current one and its replacement."""
-
-    affine: NDArray[np.float64]
-    snap: NDArray[np.int32]
-    clearance_cm: NDArray[np.uint8]
-    clear: NDArray[np.bool_]
-    walls: NDArray[np.float64]
-    steps: NDArray[np.uint8]
-    cell_xy: NDArray[np.float32]
-    length_cm: NDArray[np.uint16]
-    next_step: NDArray[np.int16]
-    plan_end: NDArray[np.float64]
 
 
 class SimulatedRobot:
@@ -87,7 +72,8 @@ class SimulatedRobot:
         self._fields_kept: set[int] = set()
         robot = config.robot
         self._contacts = Contacts(radius_m=robot.radius_m, mass_kg=robot.mass_kg, step_s=config.physics_step_s)
-        self._level = _Surroundings(
+        # Two goals: the current one and its replacement.
+        self._level = DriveMap(
             affine=grid.affine,
             snap=grid.snap,
             clearance_cm=grid.clearance_cm,
@@ -108,7 +94,7 @@ class SimulatedRobot:
             obstacles=np.zeros((1, 0, 5)),
             parameters=batch_parameters(config, grid.resolution, 1, 0),
             solver=self._contacts.solver,
-            search=_search_memory(grid, self._longest_cm),
+            search=detour_memory(cells, self._longest_cm, grid.resolution),
         )
         self._g = self._robot.games[0]
         x, y, heading = grid.home.tolist()
@@ -240,7 +226,7 @@ class SimulatedRobot:
             longest = int(length_cm[length_cm != UNREACHABLE_CM].max(initial=0))
             if longest > self._longest_cm:
                 self._longest_cm = longest
-                self._robot = self._robot._replace(search=_search_memory(grid, self._longest_cm))
+                self._robot = self._robot._replace(search=detour_memory(len(grid.cell), longest, grid.resolution))
         navigator.send_goal(self._g, slot, self.steps)
         return slot
 
@@ -333,10 +319,6 @@ class SimulatedRobot:
         ended = int(g["nav_result"]), int(g["nav_result_goal"])
         g["nav_result"] = navigator.NO_RESULT
         return ended if ended[0] != navigator.NO_RESULT else (navigator.NO_RESULT, -1)
-
-
-def _search_memory(grid: DriveGrid, longest_cm: int) -> SearchArrays:
-    return SearchArrays(*detour_memory(len(grid.cell), longest_cm, grid.resolution))
 
 
 def place(robot: SimulatedRobot, pose: Pose, velocity: tuple[float, float]) -> None:

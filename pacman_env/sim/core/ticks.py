@@ -160,13 +160,12 @@ def steer(a, i, step, level):  # type: ignore[no-untyped-def]
     if g.step % p.clyde_steps == 0:
         ghost_state.move(address_of(a.ghosts), i)
     if navigator.plan_due(g, g.step):
-        nav = (level.affine, level.snap, level.steps, level.cell_xy, level.length_cm, level.next_step)
-        navigator.plan(g, i, a.paths, rules.obstacles[i], p, level.plan_end, nav, a.search)
+        navigator.plan(g, i, a.paths, rules.obstacles[i], p, level, a.search)
     if step == 0:  # the last tick already copied the pose at its end
         refresh_heading(g)
     else:
         kernels.sense(g, p)
-    kernels.drive(g, i, a.paths, p, by_hand, level.affine, level.clearance_cm)
+    kernels.drive(g, i, a.paths, p, by_hand, level)
     by_goal = not (p.velocity_actions or by_hand)
     return g.nav_result == navigator.NO_RESULT or not by_goal or kernels.apply_result(rules, i)
 

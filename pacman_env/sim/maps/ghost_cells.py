@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...config import ClydeConfig, ConfigError
-from ...engine.bucket_queue import Queue, clear, new_queue, pop, push
+from ...engine.bucket_queue import SearchArrays, clear, new_queue, pop, push
 from ...engine.jit import kernel
 from ...game.pellets import FreeSpace, pixel_to_world
 from ...world.navigation.grid import connected_parts
@@ -238,16 +238,8 @@ def _estimate(graph, cell, goal, a, b, c):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
-    """Fill ``path`` (L,) with the cells of a shortest path (A*), return their number (0: no path, or more than L).
-
-    ``graph`` is ``ClydeCells.graph``, and ``node`` and ``queue`` are the results of :func:`search_memory`. ``node`` is
-    int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
-    """
-    search = clear(queue)
-    if search == 1:  # the counter has wrapped: erase old numbers
-        node[:, 2:] = 0
-    # The three landmarks with the best bounds for this path.
+def _best_landmarks(start, goal, graph):  # type: ignore[no-untyped-def]
+    """Return the columns of the three landmarks with the best bounds for a path from ``start`` to ``goal``."""
     a = b = c = int(_AT_LANDMARKS)  # a constant would be of another type and compile the estimate again
     best_a, best_b, best_c = -1, -1, -1
     for k in range(_AT_LANDMARKS, _AT_PIXEL):
@@ -258,20 +250,49 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
             b, c, best_b, best_c = k, b, bound, best_b
         elif bound > best_c:
             c, best_c = k, bound
+    return a, b, c
+
+
+@kernel
+def _read_path(goal, node, path):  # type: ignore[no-untyped-def]
+    """Fill ``path`` (L,) with the cells of the path that was found, and return their number (0: more than L)."""
+    count = 0
+    cell = np.int64(goal)
+    while cell >= 0:
+        count += 1
+        cell = node[cell, 1]
+    if count > len(path):
+        return 0
+    cell = np.int64(goal)
+    for i in range(count - 1, -1, -1):
+        path[i] = cell
+        cell = node[cell, 1]
+    return count
+
+
+@kernel
+def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped-def]
+    """Fill ``path`` (L,) with the cells of a shortest path (A*), return their number (0: no path, or more than L).
+
+    ``graph`` is ``ClydeCells.graph``, and ``node`` and ``queue`` are the ones of :func:`search_memory`. ``node`` is
+    int32 (K, 4): cost so far, previous cell, and numbers of the last searches that wrote and settled it.
+    """
+    search = clear(queue)
+    if search == 1:  # the counter has wrapped: erase old numbers
+        node[:, 2:] = 0
+    a, b, c = _best_landmarks(start, goal, graph)
     node[start, 0] = 0
     node[start, 1] = -1
     node[start, 2] = search
     end = (graph[goal, _AT_PIXEL], graph[goal, _AT_PIXEL + 1], graph[goal, a], graph[goal, b], graph[goal, c])
     least = _estimate(graph, np.int32(start), end, a, b, c)
     push(queue, np.int64(0), np.int32(start))
-    arrived = False
     while True:
         u = pop(queue)
         if u < 0:
-            break
+            return 0
         if u == goal:
-            arrived = True
-            break
+            return _read_path(goal, node, path)
         if node[u, 3] == search:
             continue
         node[u, 3] = search  # the estimate is consistent, so the first visit is the cheapest
@@ -287,23 +308,9 @@ def find_path(start, goal, graph, node, queue, path):  # type: ignore[no-untyped
             node[v, 1] = u
             node[v, 2] = search
             push(queue, new + _estimate(graph, v, end, a, b, c) - least, v)
-    if not arrived:
-        return 0
-    count = 0
-    cell = np.int64(goal)
-    while cell >= 0:
-        count += 1
-        cell = node[cell, 1]
-    if count > len(path):
-        return 0
-    cell = np.int64(goal)
-    for i in range(count - 1, -1, -1):
-        path[i] = cell
-        cell = node[cell, 1]
-    return count
 
 
-def search_memory(cells: int, longest: int) -> tuple[NDArray[np.int32], Queue]:
-    """Return node table and queue for :func:`find_path`, for ``cells`` cells and paths of at most ``longest`` cells."""
+def search_memory(cells: int, longest: int) -> SearchArrays:
+    """Return the memory of :func:`find_path` for ``cells`` cells and paths of at most ``longest`` cells."""
     # A path costs most if all its steps are diagonal.
-    return np.zeros((cells, 4), dtype=np.int32), new_queue(longest * DIAGONAL, 8 * cells + 1)
+    return SearchArrays(np.zeros((cells, 4), dtype=np.int32), new_queue(longest * DIAGONAL, 8 * cells + 1))

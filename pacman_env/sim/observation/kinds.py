@@ -21,7 +21,7 @@ from .planner_features import (
     maps_changed,
     planner_stage,
 )
-from .raster import CHANNELS, FRIGHTENED, PRESENT, raster_all, scan_all
+from .raster import CHANNELS, FRIGHTENED, PRESENT, Lengths, ShownGhosts, ShownPellets, raster_all, scan_all
 from .robot_features import (
     CANDIDATE_POWER_COLUMNS,
     COLUMNS,
@@ -206,11 +206,11 @@ def _grid(batch: GameBatch, situation: Situation) -> Observation:
     images = np.empty((batch.n, config.grid_pixels, config.grid_pixels, CHANNELS), dtype=np.uint8)
     level = np.ascontiguousarray(batch.games["level"])
     ghosts = situation.ghosts[:, :, :2].copy()
-    lengths = config.grid_pixel_m, batch.config.robot.radius_m
-    pellets = situation.position, batch.alive, situation.is_power
+    lengths = Lengths(config.grid_pixel_m, batch.config.robot.radius_m)
+    pellets = ShownPellets(situation.position, batch.alive, situation.is_power)
     ghosts[situation.away_s > 0.0] = np.nan
     shades = np.where(situation.frightened_s > 0.0, FRIGHTENED, PRESENT)
-    raster_all(batch.levels.addresses, level, situation.robot, pellets, (ghosts, shades), lengths, images)
+    raster_all(batch.levels.addresses, level, situation.robot, pellets, ShownGhosts(ghosts, shades), lengths, images)
     return {"grid": images}
 
 

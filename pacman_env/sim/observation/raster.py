@@ -1,6 +1,7 @@
 """Draw egocentric images of situations: walls, pellets and ghosts around the robot, with its heading up."""
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +15,26 @@ PELLET_RADIUS_M, POWER_RADIUS_M = 0.15, 0.25
 PRESENT, FRIGHTENED = np.uint8(255), np.uint8(128)  # values of ghosts
 
 _ON, _OFF = np.uint8(255), np.uint8(0)
+
+
+class ShownGhosts(NamedTuple):
+    """Ghosts of a picture, or with one more axis of N pictures."""
+
+    position: Any  # (G, 2) m; ghosts that are not finite are skipped
+    values: Any  # (G,) uint8, PRESENT or FRIGHTENED
+
+
+class ShownPellets(NamedTuple):
+    """Pellets of a picture, or with one more axis of N pictures."""
+
+    position: Any  # (P or more, 2) m; pellets that are not finite are skipped
+    left: Any  # (P,) mask of the remaining pellets
+    power: Any  # (P or more,) mask of the power pellets
+
+
+class Lengths(NamedTuple):
+    pixel_m: float  # size of a pixel
+    radius_m: float  # of robot and ghosts
 
 
 @kernel
@@ -70,41 +91,37 @@ def _pixel(dx, dy, view):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def raster(grid, pose, pellets, ghosts, lengths_m, image):  # type: ignore[no-untyped-def]
+def raster(level, pose, pellets, ghosts, lengths, image):  # type: ignore[no-untyped-def]
     """Fill ``image`` (S, S, 4) uint8, 0 or 255, with the surroundings of a robot at the believed ``pose`` (3,).
 
-    The robot is in the middle; row 0 is ahead of it and column 0 to its left. ``grid`` is affine (6,), world to cell,
-    and clearance_cm (H, W) uint8, 0 if not free. ``pellets`` are positions (P or more, 2) in m, a mask (P,) of the
-    remaining pellets and a mask of power pellets. ``ghosts`` are positions (G, 2) and values (G,). Pellets and ghosts
-    that are not finite are skipped. ``lengths_m`` are the size of a pixel and the robot's radius.
+    The robot is in the middle; row 0 is ahead of it and column 0 to its left. ``level`` contains ``affine`` (6,), world
+    to cell, and ``clearance_cm`` (H, W) uint8, 0 if not free. The other arguments are ``ShownPellets``, ``ShownGhosts``
+    and ``Lengths``.
     """
-    pellet_xy, remaining, power = pellets
-    ghost_xy, values = ghosts
-    pixel_m, radius_m = lengths_m
-    pixels_per_m = 1.0 / pixel_m
+    pixels_per_m = 1.0 / lengths.pixel_m
     middle = 0.5 * len(image)
     x, y, heading = pose[0], pose[1], pose[2]
     cos, sin = math.cos(heading), math.sin(heading)
-    _walls(grid[0], grid[1], x, y, cos * pixel_m, sin * pixel_m, image)
+    _walls(level.affine, level.clearance_cm, x, y, cos * lengths.pixel_m, sin * lengths.pixel_m, image)
     view = cos, sin, pixels_per_m, middle
-    for k in range(len(remaining)):
-        if remaining[k]:
-            row, column = _pixel(pellet_xy[k, 0] - x, pellet_xy[k, 1] - y, view)
-            size_m = POWER_RADIUS_M if power[k] else PELLET_RADIUS_M
+    for k in range(len(pellets.left)):
+        if pellets.left[k]:
+            row, column = _pixel(pellets.position[k, 0] - x, pellets.position[k, 1] - y, view)
+            size_m = POWER_RADIUS_M if pellets.power[k] else PELLET_RADIUS_M
             _disc(image, np.int64(PELLETS), row, column, size_m * pixels_per_m, _ON)
-    for k in range(len(ghost_xy)):
-        row, column = _pixel(ghost_xy[k, 0] - x, ghost_xy[k, 1] - y, view)
-        _disc(image, np.int64(GHOSTS), row, column, radius_m * pixels_per_m, values[k])
-    _disc(image, np.int64(ROBOT), middle, middle, radius_m * pixels_per_m, _ON)
+    for k in range(len(ghosts.values)):
+        row, column = _pixel(ghosts.position[k, 0] - x, ghosts.position[k, 1] - y, view)
+        _disc(image, np.int64(GHOSTS), row, column, lengths.radius_m * pixels_per_m, ghosts.values[k])
+    _disc(image, np.int64(ROBOT), middle, middle, lengths.radius_m * pixels_per_m, _ON)
 
 
 @kernel
-def raster_all(levels, level, pose, pellets, ghosts, lengths_m, images):  # type: ignore[no-untyped-def]
+def raster_all(levels, level, pose, pellets, ghosts, lengths, images):  # type: ignore[no-untyped-def]
     """Call :func:`raster` for N games; ``levels`` are the addresses of the levels by slot, ``level`` (N,) the slots."""
     for i in range(len(images)):
-        a = level_arrays(levels[level[i]])
-        own_pellets, own_ghosts = (pellets[0][i], pellets[1][i], pellets[2][i]), (ghosts[0][i], ghosts[1][i])
-        raster((a.affine, a.clearance_cm), pose[i], own_pellets, own_ghosts, lengths_m, images[i])
+        own_pellets = ShownPellets(pellets.position[i], pellets.left[i], pellets.power[i])
+        own_ghosts = ShownGhosts(ghosts.position[i], ghosts.values[i])
+        raster(level_arrays(levels[level[i]]), pose[i], own_pellets, own_ghosts, lengths, images[i])
 
 
 @kernel

@@ -2,8 +2,8 @@
 
 Roll-outs over (v, omega) within the base's limits are scored on progress along the plan, wall clearance and distance to
 Clyde. Kernels work on one game's record ``g`` and its plan ``path`` (PATH_POINTS, 2), m. ``p`` is a record of
-``PARAMETERS``, v and w are m/s and rad/s, ``pose`` is a ``Pose``, ``around`` are ``Obstacles``, ``affine`` (6,) maps m
-to cells, and ``clearance`` (H, W) is in cm.
+``PARAMETERS``, v and w are m/s and rad/s, ``pose`` is a ``Pose``, ``around`` are ``Obstacles``, and ``level`` is a
+``planner.DriveMap`` or the arrays of a level.
 """
 
 import math
@@ -73,18 +73,26 @@ class Obstacles(NamedTuple):
     clyde_y: float
 
 
+class Target(NamedTuple):
+    """Target point of the controller, relative to the robot along the axes of the map."""
+
+    x: float  # m
+    y: float
+    omega: float  # rad/s, turn rate of the direct arc
+
+
 @kernel
-def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped-def]
+def _clear(pose, v, w, around, p, level):  # type: ignore[no-untyped-def]
     """Return the cost, m, of driving (v, w) from a pose for ``HORIZON_S``, or -1 if the arc is not admissible.
 
     The cost is the sum of the amounts by which the clearance is too small for comfort at ``_SAMPLES`` points of the
     arc. A point inside the inscribed radius, or inside Clyde's region, is only admissible if it is not worse than the
     robot's position, which lets the robot get out.
     """
-    x, y, ch, sh = pose
-    free_here, clyde_near, cx, cy = around
+    x, y, ch, sh = pose.x, pose.y, pose.cos, pose.sin
+    cx, cy = around.clyde_x, around.clyde_y
     cost = 0.0
-    rows, columns = clearance.shape
+    rows, columns = level.clearance_cm.shape
     # The chord from the start turns by the same small angle from point to point.
     step_s = HORIZON_S / _SAMPLES
     ct, st = _turned(1.0, 0.0, 0.5 * w * step_s)
@@ -92,13 +100,13 @@ def _clear(pose, v, w, around, p, affine, clearance):  # type: ignore[no-untyped
         ch, sh = ch * ct - sh * st, sh * ct + ch * st
         s = v * step_s * k
         px, py = x + s * ch, y + s * sh
-        column, row = cell_of(affine, rows, columns, px, py)
-        free = clearance[row, column]
+        column, row = cell_of(level.affine, rows, columns, px, py)
+        free = level.clearance_cm[row, column]
         if free < p.comfort_cm:
-            if free <= p.inscribed_cm and free < free_here:
+            if free <= p.inscribed_cm and free < around.free_cm:
                 return -1.0
             cost += 0.01 * (p.comfort_cm - free)
-        if clyde_near:
+        if around.clyde_near:
             d2 = (px - cx) * (px - cx) + (py - cy) * (py - cy)
             now2 = (x - cx) * (x - cx) + (y - cy) * (y - cy)
             if d2 < p.clyde_keepout * p.clyde_keepout and d2 < now2 - 1e-9:
@@ -162,28 +170,25 @@ def _approached(g, v, w, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ignore[no-untyped-def]
-    """Return a command (ok, v, omega) for the case that the direct arc to ``target`` is not admissible.
+def _other_way(g, path, pose, target, around, p, level):  # type: ignore[no-untyped-def]
+    """Return a command (ok, v, omega) for the case that the direct arc to ``target``, a ``Target``, is not admissible.
 
     ``ok`` is False if there is no admissible command.
-    ``target`` is (x, y, omega): the target point relative to the robot, m, along the axes of the map, and the turn rate
-    of the direct arc, rad/s.
     """
-    bx, by, ch, sh = pose
-    tx, ty, direct_w = target
+    ch, sh = pose.cos, pose.sin
     v_max = g.speed_limit
     # Sample arcs for the best progress at the highest admissible speed.
     best_score = 1e9
     ok, best_v, best_w = False, 0.0, 0.0
     for k in range(4, 0, -1):
         for j in range(-4, 5):
-            sv, sw = limit(v_max * k * 0.25, direct_w + 0.35 * j, p)
-            cost = _clear(pose, sv, sw, around, p, affine, clearance)
+            sv, sw = limit(v_max * k * 0.25, target.omega + 0.35 * j, p)
+            cost = _clear(pose, sv, sw, around, p, level)
             if cost < 0.0:
                 continue
             ca, sa = _turned(ch, sh, 0.5 * sw * HORIZON_S)
             s = sv * HORIZON_S
-            ex, ey = s * ca - tx, s * sa - ty
+            ex, ey = s * ca - target.x, s * sa - target.y
             score = math.sqrt(ex * ex + ey * ey) + cost + 0.02 * abs(j)
             if score < best_score:
                 best_score, ok, best_v, best_w = score, True, sv, sw
@@ -191,7 +196,7 @@ def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ig
             return ok, best_v, best_w
     # No arc leads towards the target point, for example round a corner: creep along the path.
     near = min(g.nav_at + 2, g.nav_points - 1)
-    tx, ty = path[near, 0] - bx, path[near, 1] - by
+    tx, ty = path[near, 0] - pose.x, path[near, 1] - pose.y
     if around.clyde_near:  # shortcuts of a path along Clyde's region would enter it: aim farther out
         ox, oy = path[near, 0] - around.clyde_x, path[near, 1] - around.clyde_y
         out = max((p.clyde_keepout + 0.05) / math.sqrt(max(ox * ox + oy * oy, 1e-6)), 1.0) - 1.0
@@ -200,13 +205,13 @@ def _other_way(g, path, pose, target, around, p, affine, clearance):  # type: ig
     if abs(aside) > 0.1 * forward:
         return True, 0.0, _turn_rate(forward, aside, 1.0, p)
     v = 0.25 * v_max
-    return _clear(pose, v, 0.0, around, p, affine, clearance) >= 0.0, v, 0.0
+    return _clear(pose, v, 0.0, around, p, level) >= 0.0, v, 0.0
 
 
 @kernel
-def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def]
+def command(g, path, pose, p, level):  # type: ignore[no-untyped-def]
     """Run the local controller and return (ok, v, omega) for the next step; ``ok`` is False if the way is blocked."""
-    bx, by, ch, sh = pose
+    bx, by, ch, sh = pose.x, pose.y, pose.cos, pose.sin
     points = g.nav_points
     at = g.nav_at
     best = (path[at, 0] - bx) ** 2 + (path[at, 1] - by) ** 2
@@ -235,8 +240,8 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
         by_distance = v_max / math.sqrt(max(tx * tx + ty * ty, 0.01))
         v, w = limit(forward * by_distance, 2.0 * aside * by_distance * by_distance / v_max, p)
         direct_w = w
-    column, row = cell_of(affine, clearance.shape[0], clearance.shape[1], bx, by)
-    free_here = clearance[row, column]
+    column, row = cell_of(level.affine, level.clearance_cm.shape[0], level.clearance_cm.shape[1], bx, by)
+    free_here = level.clearance_cm[row, column]
     cx, cy = g.clyde_x, g.clyde_y
     reach = p.clyde_keepout + v_max * HORIZON_S + 0.05
     clyde_near = (bx - cx) ** 2 + (by - cy) ** 2 < reach * reach
@@ -244,10 +249,10 @@ def command(g, path, pose, p, affine, clearance):  # type: ignore[no-untyped-def
     # Open areas need no roll-outs, and a roll-out that was clear for 0.8 s holds for one more step.
     if not clyde_near and (free_here > p.open_cm or g.nav_clear_step == g.step - 1):
         return True, v, w
-    if _clear(pose, v, w, around, p, affine, clearance) >= 0.0:
+    if _clear(pose, v, w, around, p, level) >= 0.0:
         g.nav_clear_step = g.step
         return True, v, w
-    ok, v, w = _other_way(g, path, pose, (tx, ty, direct_w), around, p, affine, clearance)
+    ok, v, w = _other_way(g, path, pose, Target(tx, ty, direct_w), around, p, level)
     if p.mppi:
         v, w = _approached(g, v, w, p)
     return ok, v, w

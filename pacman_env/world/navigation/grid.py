@@ -222,6 +222,19 @@ def _walls(solid: NDArray[np.bool_], to_world: NDArray[np.float64]) -> NDArray[n
     return np.concatenate([xy, xy[following]], axis=1)
 
 
+def _affine(occupancy: OccupancyMap, columns: int, rows: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the maps (6,) from m to cells and back, for a grid that begins at a column and row of the whole map."""
+    res, (ox, oy, yaw) = occupancy.resolution, occupancy.origin
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    if abs(yaw) < 1e-12:
+        cos, sin = 1.0, 0.0
+    column = (cos / res, sin / res, -(cos * ox + sin * oy) / res - columns)
+    row = (-sin / res, cos / res, (sin * ox - cos * oy) / res - rows)
+    x0 = ox + res * (cos * columns - sin * rows)
+    y0 = oy + res * (sin * columns + cos * rows)
+    return np.array([*column, *row]), np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
+
+
 def build_grid(
     occupancy: OccupancyMap,
     robot: RobotConfig,
@@ -248,19 +261,7 @@ def build_grid(
         wide = f"wide enough for a robot of {robot.inscribed_radius_m} m"
         rule = f"brighter than pellets.free_grey = {pellets.free_grey}"
         raise MapError(f"{occupancy.name}: no free place {wide}; free is {rule}")
-    ox, oy, yaw = occupancy.origin
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    if abs(yaw) < 1e-12:
-        cos, sin = 1.0, 0.0
-
-    def affine(columns_off: int, rows_off: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        column = (cos / res, sin / res, -(cos * ox + sin * oy) / res - columns_off)
-        row = (-sin / res, cos / res, (sin * ox - cos * oy) / res - rows_off)
-        x0 = ox + res * (cos * columns_off - sin * rows_off)
-        y0 = oy + res * (sin * columns_off + cos * rows_off)
-        return np.array([*column, *row]), np.array([res * cos, -res * sin, x0, res * sin, res * cos, y0])
-
-    to_cell, _ = affine(-_MARGIN, -_MARGIN)
+    to_cell, _ = _affine(occupancy, -_MARGIN, -_MARGIN)
     hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
     column, row = _apply(to_cell, hx, hy)
     wished = (math.floor(column) - c0, math.floor(row) - r0)
@@ -281,7 +282,7 @@ def build_grid(
     snap, distance = nearest_numbers(cell_id)
     swept = free & (distance * res <= robot.inscribed_radius_m)
     offset = c0 - _MARGIN, r0 - _MARGIN
-    to_cell, to_world = affine(*offset)
+    to_cell, to_world = _affine(occupancy, *offset)
     roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
     home_xy = (hx, hy) if wished == home_cell else roomiest
     return DriveGrid(

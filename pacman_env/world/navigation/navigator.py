@@ -1,8 +1,8 @@
 """Simulated Nav2: handles goals like ``navigate_to_pose``, as far as the goal selector can observe it.
 
 Kernels work on one game's record ``g``; ``NAVIGATOR_FIELDS`` are the fields of navigator, planner and controller. ``p``
-is a record of ``PARAMETERS``, ``step`` a physics step, and (bx, by) the believed position, m. ``affine`` (6,) maps m to
-cells, and ``clearance`` (H, W) is in cm.
+is a record of ``PARAMETERS``, ``step`` a physics step, and (bx, by) the believed position, m. ``level`` is a
+``planner.DriveMap`` or the arrays of a level.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from ...engine.jit import kernel
 from ...rng import uniform
 from .controller import Pose, command, drive_wheels
 from .localization import record_fields
-from .planner import Fields, write_plan
+from .planner import write_plan
 
 IDLE, ACTIVE = 0, 1
 NO_RESULT, SUCCEEDED, CANCELED, ABORTED = 0, 4, 5, 6  # values of action_msgs/GoalStatus
@@ -105,10 +105,10 @@ def plan_due(g, step):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-untyped-def]
-    """If they are due, start the accepted goal and write a new plan to ``paths[i]``; ``obstacles`` are (G, 5).
+def plan(g, i, paths, obstacles, p, level, search):  # type: ignore[no-untyped-def]
+    """If they are due, start the accepted goal and write a new plan to ``paths[i]``.
 
-    ``goal_xy`` and ``nav`` are the arrays of ``planner.Fields``, ``search`` is the planner's memory.
+    ``obstacles`` are (G, 5), and ``search`` is the planner's memory.
     """
     step = g.step
     bx, by = g.x + g.error_x, g.y + g.error_y
@@ -116,16 +116,14 @@ def plan(g, i, paths, obstacles, p, goal_xy, nav, search):  # type: ignore[no-un
         _start_goal(g, bx, by, step)
         g.nav_plan_step = step
     if g.nav_state == ACTIVE and step >= g.nav_plan_step:
-        affine, snap, steps, cell_xy, length_cm, next_step = nav
-        fields = Fields(affine, snap, steps, cell_xy, length_cm, next_step, goal_xy)
-        write_plan(g, paths[i], bx, by, obstacles, p, fields, search)
+        write_plan(g, paths[i], bx, by, obstacles, p, level, search)
         g.nav_plan_step = step + p.plan_steps
         if g.nav_points > 0:
             _watch_progress(g, bx, by, p)
 
 
 @kernel
-def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
+def control(g, i, paths, p, level):  # type: ignore[no-untyped-def]
     """Run one controller step of ``g`` on the plan ``paths[i]``, which sets the force on the body."""
     step = g.step
     v, w = 0.0, 0.0
@@ -141,7 +139,7 @@ def control(g, i, paths, p, affine, clearance):  # type: ignore[no-untyped-def]
             if step - g.nav_no_path_step >= p.no_path_steps:
                 _end(g, ABORTED)
         elif step >= g.nav_wait_step:
-            ok, v, w = command(g, paths[i], Pose(bx, by, ch, sh), p, affine, clearance)
+            ok, v, w = command(g, paths[i], Pose(bx, by, ch, sh), p, level)
             if ok:
                 g.nav_no_control_step = -1
             else:

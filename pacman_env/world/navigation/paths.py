@@ -5,6 +5,7 @@ and the 8 knight's moves, so that a length is at most 2.7 % above the straight l
 """
 
 import math
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -41,6 +42,24 @@ _PLACE = np.dtype(
         ("open", np.bool_),  # the cell and the 24 cells around it have weight 1
     ]
 )
+
+
+class _Places(NamedTuple):
+    """Padded image of a map with its steps: 16 directions and ``_START``."""
+
+    place: Any  # (P,) _PLACE
+    number: Any  # (P,) number of the cell at each place, -1: none
+    offset: Any  # (17,) difference of the indices of places for each step
+    half: Any  # (17,) float32, half the length of each step, cells
+    length: Any  # (17,) float32, cells
+    metres: Any  # (17,) float32
+
+
+class _Buckets(NamedTuple):
+    """Queue of the search."""
+
+    head: Any  # (B,) newest entry of each bucket
+    entry: Any  # (E,) entries: place, previous entry; at most one per step
 
 
 @kernel
@@ -97,18 +116,9 @@ class PathFields:
         _lay_out(self._at, weight, offset, picture.ravel(), number, light.ravel())
         picture["open"] = cv2.erode(light, np.ones((5, 5), np.uint8))
         self._fields: dict[int, tuple[NDArray[np.uint16], NDArray[np.int16]]] = {}
-        self._places = (
-            picture.ravel(),
-            number,
-            offset,
-            length,
-            np.float32(0.5) * length,
-            length * np.float32(resolution),
-        )
-        self._queue = (
-            np.empty(slots, dtype=np.int32),  # newest entry of each bucket
-            np.empty(32 * len(cell) + 2, dtype=np.int32),  # entries: place, previous entry; at most one per step
-        )
+        half, metres = np.float32(0.5) * length, length * np.float32(resolution)
+        self._places = _Places(picture.ravel(), number, offset, half, length, metres)
+        self._queue = _Buckets(np.empty(slots, dtype=np.int32), np.empty(32 * len(cell) + 2, dtype=np.int32))
 
     def to(self, goal: int) -> tuple[NDArray[np.uint16], NDArray[np.int16]]:
         """Return ``length_cm`` and ``next_step`` (K,) to a goal cell, read-only; cell k leads to k + next_step[k]."""
@@ -144,34 +154,45 @@ def _lay_out(at, weight, offset, picture, number, light):  # type: ignore[no-unt
 
 
 @kernel
+def _better_steps(places, u):  # type: ignore[no-untyped-def]
+    """Return the bits of the steps from place ``u`` that lead to a cheaper path."""
+    place, offset, length, half = places.place, places.offset, places.length, places.half
+    came, cost, weight = place[u].came & (_SETTLED - 1), place[u].cost, place[u].weight
+    better = np.uint64(0)
+    if place[u].open and came != _START and cost < _EXACT_BELOW:
+        for j in range(3):
+            d = np.uintp(_ONWARDS[came, j])
+            v = np.uintp(np.int64(u) + offset[d])
+            better |= np.uint64(cost + length[d] < place[v].cost) << d
+        return better
+    for j in range(16):
+        d = np.uintp(j)
+        v = np.uintp(np.int64(u) + offset[d])
+        better |= np.uint64(cost + half[d] * (weight + place[v].weight) < place[v].cost) << d
+    return better & np.uint64(place[u].allowed)
+
+
+@kernel
 def _search(start, places, queue):  # type: ignore[no-untyped-def]
     """Run Dijkstra's algorithm from the goal's place; the result stays in ``places`` for :func:`_read_out`.
 
-    ``places`` and ``queue`` are the tuples of :class:`PathFields`. Within a bucket the newest entry comes first; older
+    ``places`` are ``_Places`` and ``queue`` are ``_Buckets``. Within a bucket the newest entry comes first; older
     entries of a settled place are skipped. This order, and trying directions in rising order, decide between equally
     good paths.
     """
-    place, _, offset, length, half, metres_of = places
-    head, entry = queue
+    place, offset, head, entry = places.place, places.offset, queue.head, queue.entry
     mask = len(head) - 1
     head[:] = -1
     place[start].cost = 0.0
     place[start].came = _START
     place[start].metres = 0.0
-    entry[0] = start
-    entry[1] = -1
+    entry[0], entry[1] = start, -1
     head[0] = 0
-    used = 2
-    bucket = 0
-    empty = 0
+    used, bucket, empty = 2, 0, 0
     while empty <= mask:
         e = np.int64(head[bucket & mask])
-        if e < 0:
-            empty += 1
-            bucket += 1
-            continue
         head[bucket & mask] = -1  # no entry is added to the current bucket
-        empty = 0
+        empty = empty + 1 if e < 0 else 0
         while e >= 0:
             u = np.uintp(entry[np.uintp(e)])  # unsigned indices need no test for negative ones
             e = np.int64(entry[np.uintp(e + 1)])
@@ -180,24 +201,13 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
                 continue
             place[u].came = a | _SETTLED
             cost, weight = place[u].cost, place[u].weight
-            place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + metres_of[a]
-            better = np.uint64(0)  # bits of the steps that lead to a cheaper path
-            if place[u].open and a != _START and cost < _EXACT_BELOW:
-                for j in range(3):
-                    d = np.uintp(_ONWARDS[a, j])
-                    v = np.uintp(np.int64(u) + offset[d])
-                    better |= np.uint64(cost + length[d] < place[v].cost) << d
-            else:
-                for j in range(16):
-                    d = np.uintp(j)
-                    v = np.uintp(np.int64(u) + offset[d])
-                    better |= np.uint64(cost + half[d] * (weight + place[v].weight) < place[v].cost) << d
-                better &= np.uint64(place[u].allowed)
+            place[u].metres = place[np.uintp(np.int64(u) - offset[a])].metres + places.metres[a]
+            better = _better_steps(places, u)
             while better:
                 d = np.uintp(lowest_bit(better))
                 better &= better - np.uint64(1)
                 v = np.uintp(np.int64(u) + offset[d])
-                new = cost + half[d] * (weight + place[v].weight)
+                new = cost + places.half[d] * (weight + place[v].weight)
                 place[v].cost = new
                 place[v].came = d
                 slot = np.uintp(np.int64(new) & mask)
@@ -211,7 +221,7 @@ def _search(start, places, queue):  # type: ignore[no-untyped-def]
 @kernel
 def _read_out(places, at, length_cm, next_step):  # type: ignore[no-untyped-def]
     """Fill ``length_cm`` (K,) and ``next_step`` (K,) from the places ``at`` (K,), then clear these places."""
-    place, number, offset = places[0], places[1], places[2]
+    place, number, offset = places.place, places.number, places.offset
     for k in range(len(at)):
         i = np.uintp(at[k])
         came = np.uintp(place[i].came)

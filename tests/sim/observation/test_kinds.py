@@ -10,9 +10,10 @@ from pacman_env.config import make_config
 from pacman_env.sim.core.batch import GameBatch
 from pacman_env.sim.maps.level_source import GeneratedMaps
 from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.raster import PRESENT, raster
+from pacman_env.sim.observation.raster import PRESENT, Lengths, ShownGhosts, ShownPellets, raster
 from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.world.navigation import lidar
+from tests.sim.observation.test_raster import Ground
 from tests.sim.players import new_batch
 
 KINDS = ("features", "scan", "grid")
@@ -67,10 +68,10 @@ def test_each_robot_sees_its_own_map() -> None:
         sensor = lidar.Sensor(kinds.scan_minimum_m, kinds.scan_maximum_m, 0.0)
         lidar.scan(own.affine, own.clearance_cm, own.resolution, pose, (g["seed"][i], g["tick"][i]), sensor, ranges)
         np.testing.assert_array_equal(scan[i], ranges)
-        pellets = situation.position[i], batch.alive[i], situation.is_power[i]
-        lengths = kinds.grid_pixel_m, config.robot.radius_m
-        ghosts = situation.ghosts[i, :, :2].copy(), np.full(1, PRESENT)
-        raster((own.affine, own.clearance_cm), situation.robot[i], pellets, ghosts, lengths, image)
+        pellets = ShownPellets(situation.position[i], batch.alive[i], situation.is_power[i])
+        lengths = Lengths(kinds.grid_pixel_m, config.robot.radius_m)
+        ghosts = ShownGhosts(situation.ghosts[i, :, :2].copy(), np.full(1, PRESENT))
+        raster(Ground(own.affine, own.clearance_cm), situation.robot[i], pellets, ghosts, lengths, image)
         np.testing.assert_array_equal(grid[i], image)
 
 

@@ -1,5 +1,6 @@
 import cmath
 import math
+from collections import namedtuple
 
 import numpy as np
 import pytest
@@ -7,11 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import Nav2Config, PelletConfig, RobotConfig
-from pacman_env.sim.observation.raster import GHOSTS, PELLET_RADIUS_M, PELLETS, PRESENT, ROBOT, WALLS, raster
+from pacman_env.sim.observation.raster import (
+    GHOSTS,
+    PELLET_RADIUS_M,
+    PELLETS,
+    PRESENT,
+    ROBOT,
+    WALLS,
+    Lengths,
+    ShownGhosts,
+    ShownPellets,
+    raster,
+)
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 from tests.drawn import drawn
 
 SIZE, PIXEL_M, RADIUS_M = 64, 0.1, 0.17
+Ground = namedtuple("Ground", "affine clearance_cm")
 #: An L-shaped room, 4.0 m by 3.0 m inside, lower left corner of the drawing at (0, 0).
 ROOM = [
     "##########",
@@ -44,11 +57,11 @@ def picture(
     images = np.full((3, size, size, 4), 7, np.uint8)
     shown = np.array(there if there is not None else [True] * len(pellets), np.bool_)
     raster(
-        (grid.affine, grid.clearance_cm),
+        Ground(grid.affine, grid.clearance_cm),
         np.array(pose),
-        (np.array(pellets, np.float64).reshape(-1, 2), shown, np.zeros_like(shown)),
-        (np.array(ghosts, np.float64).reshape(-1, 2), np.full(len(ghosts), PRESENT)),
-        (pixel_m, RADIUS_M),
+        ShownPellets(np.array(pellets, np.float64).reshape(-1, 2), shown, np.zeros_like(shown)),
+        ShownGhosts(np.array(ghosts, np.float64).reshape(-1, 2), np.full(len(ghosts), PRESENT)),
+        Lengths(pixel_m, RADIUS_M),
         images[1],
     )
     assert (images[[0, 2]] == 7).all()
