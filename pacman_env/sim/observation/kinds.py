@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -92,7 +92,6 @@ def mask_part(batch: GameBatch) -> ObservationPart:
 class _Described:
     name: str
     parts: Callable[[GameBatch], dict[str, ObservationPart]]
-    simulated: bool = field(default=False, kw_only=True)  # shows the game itself, not only its situation
 
     def __call__(self) -> Self:
         return self  # called like the classes that other packages register
@@ -111,14 +110,6 @@ class CompiledKind(_Described):
     stage: Callable[[GameBatch, Situation, NDArray[np.bool_], Observation], Stage]
     #: Called after games have moved to the maps in these slots.
     maps_changed: Callable[[Situation, NDArray[np.int64]], None] | None = None
-
-    def fill(self, batch: GameBatch, situation: Situation) -> Observation:
-        """Run the stage on new arrays; see :meth:`ObservationKind.fill`."""
-        parts = self.parts(batch).items()
-        arrays: Observation = {key: np.zeros((len(situation), *part.shape), part.dtype) for key, part in parts}
-        job, tables = self.stage(batch, situation, np.ascontiguousarray(situation.mask), arrays)
-        situation.threads.run(job, tables, len(situation))
-        return arrays
 
 
 def _table_part(
@@ -219,14 +210,16 @@ FEATURES = CompiledKind(
 )
 PLANNER = CompiledKind("planner", _planner_parts, _planner_stage, maps_changed)
 POWER = CompiledKind("power", _power_parts, lambda batch, situation, wanted, arrays: power_stage(situation, arrays))
-SCAN = _Kind("scan", _scan_parts, _scan, simulated=True)
+SCAN = _Kind("scan", _scan_parts, _scan)
 BEARINGS = _Kind("bearings", _bearing_parts, _bearings)
-GRID = _Kind("grid", _grid_parts, _grid, simulated=True)
+GRID = _Kind("grid", _grid_parts, _grid)
 BUILT_IN_KINDS: dict[str, _Kind | CompiledKind] = {
     kind.name: kind for kind in (FEATURES, PLANNER, POWER, SCAN, BEARINGS, GRID)
 }
 #: Kinds by name, as classes without constructor arguments; other packages add entry points.
-KINDS: Registry[Callable[[], ObservationKind]] = Registry("observation kind", "pacman_env.observations", BUILT_IN_KINDS)
+KINDS: Registry[Callable[[], ObservationKind | CompiledKind]] = Registry(
+    "observation kind", "pacman_env.observations", BUILT_IN_KINDS
+)
 register_observation = KINDS.register
 
 

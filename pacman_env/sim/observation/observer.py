@@ -18,7 +18,7 @@ from ..core.ticks import candidates_of
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
 from .learner_layout import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
 from .robot_features import Observation, unit_scale
-from .situation import MISSING, NearestCounts, Situation
+from .situation import MISSING, NearestCounts
 from .situation_writer import new_situation, situation_stage
 
 
@@ -60,8 +60,16 @@ class Observer:
             own_parts = {key: part if key == MASK else part._replace(**unit) for key, part in own_parts.items()}
         self.parts = {FLAT: _flattened(own_parts)} if config.flat else own_parts
         self._compiled = [kind for kind in self._kinds if isinstance(kind, CompiledKind)]
-        self._pipelines: dict[Any, tuple[int, Pipeline]] = {}  # with the state for which they were built
         self._filled = [kind for kind in self._kinds if not isinstance(kind, CompiledKind)]
+        self._pipelines: dict[Any, tuple[int, Pipeline]] = {}  # with the state for which they were built
+        n, candidates, listed = batch.n, batch.candidates, self.nearest.count if self.nearest else 0
+        #: Input arrays of the observation; each observation overwrites them.
+        self.situation = new_situation(batch)
+        #: Listed candidates (N, K); (N, 0) means all candidates in their own order.
+        self.order = np.full((n, listed), MISSING, dtype=np.int64)
+        #: Mask of the allowed actions, 0 or 1: (N, C), or (N, K) for listed candidates.
+        self.allowed = np.zeros((n, listed or candidates), dtype=np.int8)
+        self._wanted = np.zeros((n, candidates), dtype=np.bool_)
 
     def __getstate__(self) -> tuple[Any, ...]:
         return self._made_from
@@ -75,29 +83,10 @@ class Observer:
         """Return True if :meth:`finish` has to fill kinds of observation that are not compiled."""
         return bool(self._filled)
 
-    @cached_property
-    def situation(self) -> Situation:
-        """Input arrays of the observation; each observation overwrites them."""
-        return new_situation(self._batch)
-
-    @cached_property
-    def order(self) -> NDArray[np.int64]:
-        """Listed candidates (N, K); (N, 0) means all candidates in their own order."""
-        return np.full((self._batch.n, self.nearest.count if self.nearest else 0), MISSING, dtype=np.int64)
-
     @property
     def listed(self) -> NDArray[np.int64] | None:
         """Listed candidates (N, K), or None for all candidates in their own order."""
         return self.order if self.nearest else None
-
-    @cached_property
-    def allowed(self) -> NDArray[np.int8]:
-        """Mask of the allowed actions, 0 or 1: (N, C), or (N, K) for listed candidates."""
-        return np.zeros((self._batch.n, self.nearest.count if self.nearest else self._batch.candidates), dtype=np.int8)
-
-    @cached_property
-    def _wanted(self) -> NDArray[np.bool_]:
-        return np.zeros((self._batch.n, self._batch.candidates), dtype=np.bool_)
 
     @cached_property
     def _raw(self) -> Observation:
@@ -159,8 +148,10 @@ class Observer:
         """
         if self._filled:
             for kind in self._filled:
-                self._fill(kind, self.situation)
-            self._lay_out.run(self._batch.n)
+                for key, array in kind.fill(self._batch, self.situation).items():
+                    self._raw[key][...] = array
+            for job, tables in self._row_stages:
+                self._batch.threads.run(job, tables, self._batch.n)
         return self.result
 
     def actions_of(self, candidates: NDArray[Any]) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -178,10 +169,6 @@ class Observer:
         )
         return chosen
 
-    def _fill(self, kind: Any, situation: Situation) -> None:
-        for key, array in kind.fill(self._batch, situation).items():
-            self._raw[key][...] = array
-
     def maps_changed(self, games: NDArray[np.int64]) -> None:
         """Prepare the observation kinds for the new maps of the games (M,)."""
         slots = self._batch.games["level"][games]
@@ -189,10 +176,6 @@ class Observer:
         for kind in self._compiled:
             if kind.maps_changed is not None:
                 kind.maps_changed(self.situation, slots)
-
-    @cached_property
-    def _lay_out(self) -> Pipeline:
-        return Pipeline(self._row_stages, self._batch.threads)
 
     @cached_property
     def _list_stage(self) -> Stage:

@@ -248,10 +248,9 @@ def build_grid(
     Raises MapError if the map has no place for the robot, or if the given home pose is not drivable.
     """
     res = occupancy.resolution
-    free = np.zeros((occupancy.height + 2 * _MARGIN, occupancy.width + 2 * _MARGIN), dtype=np.bool_)
-    free[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN] = occupancy.game_free(pellets.free_grey)[::-1]
     # A cell farther than ``keep`` from every free cell has no effect.
     keep = math.ceil((robot.inscribed_radius_m + 0.3) / res) + 1
+    free = np.pad(occupancy.game_free(pellets.free_grey)[::-1], _MARGIN)
     r0, r1, c0, c1 = _frame(free, keep)
     free = free[r0:r1, c0:c1]
     # Drop ray noise far from any place for the robot before other computations.
@@ -270,7 +269,6 @@ def build_grid(
     if home is not None and home_cell != wished:
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
     main = labels == labels[home_cell[1], home_cell[0]]
-
     top, bottom, left, right = _frame(main, keep)
     window = np.s_[top:bottom, left:right]
     free, main, clearance = (np.ascontiguousarray(picture[window]) for picture in (free, main, clearance))
@@ -283,8 +281,8 @@ def build_grid(
     swept = free & (distance * res <= robot.inscribed_radius_m)
     offset = c0 - _MARGIN, r0 - _MARGIN
     to_cell, to_world = _affine(occupancy, *offset)
-    roomiest = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
-    home_xy = (hx, hy) if wished == home_cell else roomiest
+    if home_cell != wished:
+        hx, hy = _apply(to_world, home_cell[0] - left + 0.5, home_cell[1] - top + 0.5)
     return DriveGrid(
         resolution=res,
         affine=to_cell,
@@ -296,7 +294,7 @@ def build_grid(
         snap=snap,
         cell=cell,
         walls=_walls(~swept, to_world),
-        home=np.array([home_xy[0], home_xy[1], heading]),
+        home=np.array([hx, hy, heading]),
         offset=offset,
     )
 
