@@ -17,13 +17,13 @@ from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.engine.jit import kernel
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.game.ghosts import find_behaviour
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.coarse_start import draw_futures, start
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.coarse.model import Behaviours, Lags, choose, step
-from pacman_env.sim.coarse.start import draw_futures, start
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.coarse_model import Behaviours, Lags, choose, step
 
 _PLAYED_S = 4.0  # time before the first comparison and between comparisons
 _FIELDS = (

@@ -17,11 +17,11 @@ import yaml
 from benchmarks.harness import Option, benchmark, count
 from pacman_env.config import Config, make_config, parse_settings
 from pacman_env.game.ends import RUNNING
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 
 WARM_UP = 50  # decisions that do not count, for compilation and caches
 

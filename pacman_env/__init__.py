@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from .envs.pettingzoo_env import PacManBotParallelEnv, env, parallel_env
     from .episodes.statistics import paired_difference, wilson
     from .game.ghosts import Behaviour, GhostView, register_ghost
+    from .observations.kinds import ObservationKind, ObservationPart, register_observation
+    from .observations.situation import HOLD, PELLET, REFUGE, Situation
     from .policies.base import BasePolicy, Policy
     from .policies.opponents import BehaviourOpponent, Opponents
     from .policies.registry import make_policy, policy_names, register_policy
     from .render.frames import render_frame
-    from .sim.core.batch import GameBatch
-    from .sim.observation.kinds import ObservationKind, ObservationPart, register_observation
-    from .sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+    from .sim.batch import GameBatch
     from .world.maps.occupancy import MapError, OccupancyMap, load_map
 
 __all__ = ["HOLD", "OUTCOMES", "PELLET", "REFUGE", "__version__"]
@@ -53,9 +53,9 @@ _EXPORTS = {
     "policies.opponents": "BehaviourOpponent Opponents",
     "policies.registry": "make_policy policy_names register_policy",
     "render.frames": "render_frame",
-    "sim.core.batch": "GameBatch",
-    "sim.observation.kinds": "ObservationKind ObservationPart register_observation",
-    "sim.observation.situation": "HOLD PELLET REFUGE Situation",
+    "sim.batch": "GameBatch",
+    "observations.kinds": "ObservationKind ObservationPart register_observation",
+    "observations.situation": "HOLD PELLET REFUGE Situation",
     "world.maps.occupancy": "MapError OccupancyMap load_map",
 }
 _MODULE_OF = {name: module for module, names in _EXPORTS.items() for name in names.split()}

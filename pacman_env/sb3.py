@@ -16,7 +16,7 @@ from .envs.arguments import check_render_mode
 from .envs.guard import Guarded, exclusive
 from .envs.pacmanbot_vector import PacManBotVectorEnv
 from .envs.resets import Seed, checked_seed
-from .sim.observation.robot_features import Observation
+from .observations.robot_features import Observation
 
 __all__ = ["PacManBotVecEnv"]
 

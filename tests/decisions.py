@@ -11,10 +11,10 @@ import numpy as np
 
 import pacman_env
 from pacman_env.config import make_config
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 
 MAP = "house"
 GAMES = 24

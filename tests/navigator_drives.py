@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets, map_assets, path_fields
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import MapAssets, map_assets, path_fields
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.navigation.navigator import ABORTED, NO_RESULT, SUCCEEDED
 from pacman_env.world.navigation.walls import overlap_m
 from tests.physics_steps import watch

@@ -15,9 +15,9 @@ from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, Goals, Place, home_place
 from pacman_env.game.power import choose_power_pellets
 from pacman_env.game.round import RoundController
-from pacman_env.sim.core import kernels
-from pacman_env.sim.core.parameters import batch_parameters, draw_episodes
-from pacman_env.sim.maps.level import LevelArrays
+from pacman_env.levels.level import LevelArrays
+from pacman_env.sim import kernels
+from pacman_env.sim.parameters import batch_parameters, draw_episodes
 from pacman_env.world.navigation import navigator
 
 Position = tuple[float, float]

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
 from pacman_env.game.ends import RUNNING, TIMEOUT
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ticks import begin_decision, begin_tick, end_tick, steer, tick_arrays
-from pacman_env.sim.maps.level import level_arrays
+from pacman_env.levels.level import level_arrays
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.ticks import begin_decision, begin_tick, end_tick, steer, tick_arrays
 from pacman_env.world.navigation.physics import move
 
 test_kernel = functools.partial(kernel, cached=False)

@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 import pacman_env
 from pacman_env.config import make_config, preset_names
 from pacman_env.game.ghosts import find_behaviour
+from pacman_env.observations.kinds import KINDS
 from pacman_env.plugins import PluginError, Registry
 from pacman_env.policies.registry import make_policy, policy_names
-from pacman_env.sim.observation.kinds import KINDS
 from tests.envs.helpers import QUICK, make, make_vector
 from tests.plugin_example import install
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.ends import CAUGHT, COMPLETE, RUNNING, TIMEOUT
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.navigation.navigator import ABORTED, SUCCEEDED
 from tests.one_game import RobotSide
 from tests.physics_steps import watch

@@ -16,12 +16,12 @@ from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.replay import RecordedGame, film, record_games
 from pacman_env.files import prepare, replaced, write_text
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.levels.level_source import TEST_LEVEL, prepare_level
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import map_view, render_frame
 from pacman_env.render.palette import DARK, LIGHT, THEMES, Colour, Theme
 from pacman_env.render.symbols import Image, paste, text
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools import learning, replay
 from tools.common import add_images, add_names, save_film

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
-from pacman_env.sim.maps.level_source import TEST_LEVEL, prepare_level
+from pacman_env.levels.level_source import TEST_LEVEL, prepare_level
 
 
 def sealed(file: Path, places: NDArray[np.float64], radius_m: float) -> list[list[float]]:

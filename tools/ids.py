@@ -25,12 +25,12 @@ from pacman_env.config.described import description_of
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from pacman_env.game.behaviour_belief import BELIEVED, OTHER
+from pacman_env.levels.level_source import FixedMap
+from pacman_env.observations.observer import Observer
+from pacman_env.observations.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
-from pacman_env.sim.maps.level_source import FixedMap
-from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
 from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS

@@ -25,8 +25,8 @@ from pacman_env.config.yaml_files import read_yaml
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.game.ends import COMPLETE
-from pacman_env.sim.core.robot_simulation import SimulatedRobot, place
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.levels.assets import map_assets
+from pacman_env.sim.robot_simulation import SimulatedRobot, place
 from pacman_env.world.maps.occupancy import load_map
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.grid import DriveGrid, build_grid

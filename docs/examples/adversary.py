@@ -19,7 +19,7 @@ from tqdm import tqdm
 from pacman_env import BehaviourOpponent, Opponents, make_policy, wilson
 from pacman_env.executors.executor import InThreads
 from pacman_env.policies.metadata import read_planner
-from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
+from pacman_env.sim.ghost_state import BEHAVIOUR_NAMES
 from pacman_env.training.collector import Collector
 from pacman_env.training.export import export_planner, network_of
 from pacman_env.training.fragments import use_device

@@ -37,8 +37,8 @@ def add_map_group(commands: Any) -> None:
 def _map_check(arguments: argparse.Namespace) -> int:
     from pacman_env.config import located, make_config, parse_settings
     from pacman_env.game.pellets import generate_pellets
-    from pacman_env.sim.maps.assets import map_assets
-    from pacman_env.sim.maps.round_time import time_warning
+    from pacman_env.levels.assets import map_assets
+    from pacman_env.levels.round_time import time_warning
     from pacman_env.world.map_check import check_map
     from pacman_env.world.maps.occupancy import load_map
 
@@ -70,7 +70,7 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
-    from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
+    from pacman_env.levels.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
 
     config = make_config()
     last = arguments.level + arguments.count - 1

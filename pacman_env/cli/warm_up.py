@@ -59,7 +59,7 @@ def _report(robot: bool, houses: int) -> int:
 def _prepare_houses(count: int) -> None:
     """Prepare the houses that are not cached yet, with a progress line on a terminal."""
     from pacman_env.config import make_config
-    from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_SET, GeneratedMaps
+    from pacman_env.levels.level_source import TEST_LEVEL, TEST_SET, GeneratedMaps
 
     config, began = make_config(), time.monotonic()
     train, test = GeneratedMaps(config, 0, count), GeneratedMaps(config, TEST_LEVEL, min(count, TEST_SET))
@@ -101,8 +101,8 @@ def _play(settings: Mapping[str, Any] = _SHORT, **arguments: Any) -> None:
 
 
 def _every_argument() -> None:
-    from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
-    from pacman_env.sim.observation.kinds import BUILT_IN_KINDS
+    from pacman_env.observations.kinds import BUILT_IN_KINDS
+    from pacman_env.sim.ghost_state import BEHAVIOUR_NAMES
 
     kinds = tuple(BUILT_IN_KINDS)
     _play(observation=kinds)
@@ -118,7 +118,7 @@ def _policies() -> None:
 
     from pacman_env.envs.pacmanbot import PacManBotEnv
     from pacman_env.policies.registry import make_policy, policy_names
-    from pacman_env.sim.core.ghost_state import BEHAVIOUR_NAMES
+    from pacman_env.sim.ghost_state import BEHAVIOUR_NAMES
 
     env = PacManBotEnv(settings=_SHORT, ghosts=BEHAVIOUR_NAMES)  # search compiles nothing if all ghosts wander
     env.reset(seed=0)

@@ -359,7 +359,7 @@ class ObservationConfig(Checked, group="observation"):
     )
     nearest_pellets: Annotated[int, Meta(ge=1, le=1000)] = setting(4, "number of pellets in nearest and in bearings")
     nearest_refuges: Annotated[int, Meta(ge=0, le=1000)] = setting(2, "number of refuges in nearest")
-    normalize: bool = setting(False, "scale all numbers to [-1, 1] by constants (sim/observation/robot_features.py)")
+    normalize: bool = setting(False, "scale all numbers to [-1, 1] by constants (observations/robot_features.py)")
     flat: bool = setting(False, "concatenate everything to one array")
     mask: Literal["observation", "info", "method", "beside"] = setting(
         "observation",

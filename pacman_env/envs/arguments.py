@@ -11,12 +11,12 @@ import numpy as np
 
 from ..config import Config, ConfigError, make_config
 from ..game.ghosts import GHOST_NAMES, POLICY, behaviour_names
+from ..levels.assets import MapSource, map_assets
+from ..levels.level_source import FixedMap, GeneratedMaps, LevelSource
+from ..observations.kinds import FLAT, KINDS
 from ..plugins import PluginError
 from ..policies.base import Policy
 from ..policies.registry import make_policy, moved_by_policy
-from ..sim.maps.assets import MapSource, map_assets
-from ..sim.maps.level_source import FixedMap, GeneratedMaps, LevelSource
-from ..sim.observation.kinds import FLAT, KINDS
 from ..world.maps.occupancy import OccupancyMap
 
 #: A number of wandering ghosts, or a behaviour or policy for each ghost.

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
-from ..sim.core.batch import GameBatch
-from ..sim.observation.situation import Situation
+from ..observations.situation import Situation
+from ..sim.batch import GameBatch
 from .arguments import EnvArguments, check_render_mode
 from .game_runner import GameRunner
 from .guard import Guarded, shared

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from ..config import ConfigError
 from ..engine.pipeline import Stage
 from ..episodes.decisions import ghost_choices, play_until_due
+from ..observations.kinds import FLAT, MASK
+from ..observations.observer import Observer
 from ..policies.base import Indices
-from ..sim.core import compile_ahead
-from ..sim.core.batch import ALL_TICKS, GameBatch, choice_stage
-from ..sim.observation.kinds import FLAT, MASK
-from ..sim.observation.observer import Observer
+from ..sim import compile_ahead
+from ..sim.batch import ALL_TICKS, GameBatch, choice_stage
 from .arguments import EnvArguments
 from .infos import GameInfos
 from .rewards import Ends, StepRewards

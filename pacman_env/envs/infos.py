@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..game.ends import ENDS
-from ..sim.core.batch import GameBatch
-from ..sim.core.kernels import SUMMARY
-from ..sim.core.parameters import drawn_values
-from ..sim.observation.kinds import MASK
+from ..observations.kinds import MASK
+from ..sim.batch import GameBatch
+from ..sim.kernels import SUMMARY
+from ..sim.parameters import drawn_values
 
 #: ``info["outcome"]`` by the game's end code.
 OUTCOMES = np.array([end.word for end in ENDS], dtype=object)

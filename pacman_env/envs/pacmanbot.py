@@ -8,8 +8,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from ..game.ends import RUNNING
+from ..observations.robot_features import Observation
 from ..render.window import RENDER_FPS, Display
-from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, takes_env_arguments
 from .base_env import BaseEnv
 from .guard import exclusive, shared
@@ -141,7 +141,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
       (follows the robot), `"arcade"` (chases from afar, turns to its corner within 2.0 m), or a policy (name or
       object), which chooses at every tick.
     - `observation`: one or several of `"features"` (the default), `"scan"`, `"bearings"`, `"grid"`, `"planner"` (the
-      default with `flat=True`; see `sim/observation/planner_features.py`), `"power"` (added if there are power
+      default with `flat=True`; see `observations/planner_features.py`), `"power"` (added if there are power
       pellets), or a custom kind (`docs/extending.md`). If `"flat"` is included, all are joined in one array.
     - `action`: `"goal"` (the default) or `"velocity"`.
     - `preset`: `robot` (as measured), `ideal` (perfect localization), `arcade` (power pellets and four ghosts), or a

@@ -9,8 +9,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from ..game.ends import RUNNING
+from ..observations.robot_features import Observation
 from ..render.window import RENDER_FPS
-from ..sim.observation.robot_features import Observation
 from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
 from .guard import exclusive, shared
 from .resets import ManyGames, Options, Seeds

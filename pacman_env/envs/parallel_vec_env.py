@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..config import ConfigError
 from ..game.ghosts import GHOST_NAMES
+from ..observations.kinds import MASK
+from ..observations.observer import Observer
+from ..observations.robot_features import FAST_MPS
 from ..render.window import RENDER_FPS
-from ..sim.observation.kinds import MASK
-from ..sim.observation.observer import Observer
-from ..sim.observation.robot_features import FAST_MPS
 from .arguments import EnvArguments, checked_games, takes_env_arguments
 from .guard import exclusive, shared
 from .resets import ManyGames, Options, Seeds

@@ -10,8 +10,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.conversions import parallel_to_aec_wrapper
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
+from ..observations.kinds import MASK
 from ..render.window import RENDER_FPS, Display
-from ..sim.observation.kinds import MASK
 from .arguments import EnvArguments, takes_env_arguments
 from .guard import Guarded, exclusive, shared
 from .parallel_vec_env import PACMAN as PACMAN

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config import ConfigError
+from ..levels.level_source import GeneratedMaps, LevelSource
 from ..policies.base import Flags, Indices
-from ..sim.maps.level_source import GeneratedMaps, LevelSource
 from .base_env import BaseEnv
 
 SEEDS = 2**63  # environments draw the seeds of their rounds below this

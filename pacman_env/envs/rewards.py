@@ -6,9 +6,9 @@ import numpy as np
 
 from ..game.ends import RUNNING
 from ..game.reward import Rewards, TickCounts, reward
+from ..observations.situation import Situation
 from ..policies.base import Flags, Floats, Indices
-from ..sim.core.batch import GameBatch
-from ..sim.observation.situation import Situation
+from ..sim.batch import GameBatch
 
 Ends = tuple[Floats, Flags, Flags]  # reward, terminated, truncated, each (N,)
 Step = tuple[Any, Floats, Flags, Flags, dict[str, Any]]  # observations, Ends and infos

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from ..config import Config
 from ..game.ghosts import GHOST_NAMES
-from ..sim.core.batch import GameBatch
-from ..sim.observation.kinds import FLAT, MASK, ObservationPart, bounds
-from ..sim.observation.robot_features import FAST_MPS
+from ..observations.kinds import FLAT, MASK, ObservationPart, bounds
+from ..observations.robot_features import FAST_MPS
+from ..sim.batch import GameBatch
 
 OBSERVATION = "observation"  # key of the observation next to a mask
 _MANY = 1e9  # upper bound of rounds and of pellets over all rounds

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Flags, Indices, Policy
 from pacman_env.policies.policy_calls import choose
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import GHOST_CHOICE, choices_of
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.ghost_state import GHOST_CHOICE, choices_of
 
 
 def allowed(situation: Situation, choices: Indices, hold: int) -> Indices:

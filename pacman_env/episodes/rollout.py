@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.episodes.decisions import allowed, ghost_choices, play_until_due
 from pacman_env.game.ends import COMPLETE, RUNNING
+from pacman_env.levels.assets import MapAssets
+from pacman_env.levels.level_source import LevelSource
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.level_source import LevelSource
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 
 BATCH = 64  # larger batches are not faster
 MOST_ROUNDS = 100  # rounds of an endless game; from the 96th on, Clyde has its highest speed

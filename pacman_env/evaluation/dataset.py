@@ -41,10 +41,10 @@ from pacman_env.evaluation.rounds.scenarios import load_policy
 from pacman_env.executors.executor import bar_of
 from pacman_env.executors.executor_options import add_executor_arguments, executor_of
 from pacman_env.files import commit, prepare
+from pacman_env.levels.level_source import FixedMap
+from pacman_env.observations.kinds import KINDS, MASK
 from pacman_env.plugins import suggest
 from pacman_env.policies.policy_calls import choose, reset
-from pacman_env.sim.maps.level_source import FixedMap
-from pacman_env.sim.observation.kinds import KINDS, MASK
 
 TASK_ROUNDS = 25
 _PREFIX = "pacman_env/"

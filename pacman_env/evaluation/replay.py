@@ -27,13 +27,13 @@ from pacman_env.game.decisions import HOLD as NO_GOAL
 from pacman_env.game.decisions import LastDecision, Moment
 from pacman_env.game.ends import ENDS, RUNNING
 from pacman_env.game.goals import goal_name
+from pacman_env.levels.level_source import LevelSource
+from pacman_env.observations.situation import HOLD, PELLET, Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import KIND_NAMES
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
-from pacman_env.sim.maps.level_source import LevelSource
-from pacman_env.sim.observation.situation import HOLD, PELLET, Situation
-from pacman_env.sim.observation.situation_writer import situation_of
 
 SPEED_UP = 4.0
 _SUFFIXES = (".mp4", ".gif", ".html")

@@ -51,7 +51,7 @@ GHOST_FIELDS = [
     ("gone", np.bool_),  # was away, at its spawn place, at its last move
     ("spawn_cell", np.int32),  # where it started
     ("place", np.int32),  # candidate to which it was sent, or -1
-    # Belief about its behaviour, and the ghost's state when the belief was last updated (sim/core/beliefs.py).
+    # Belief about its behaviour, and the ghost's state when the belief was last updated (sim/beliefs.py).
     ("belief", np.float64, (len(BELIEVED),)),  # probabilities
     ("seen_x", np.float64),  # m
     ("seen_y", np.float64),

@@ -12,6 +12,7 @@ import numpy as np
 from pacman_env.config import Config
 from pacman_env.engine.jit import kernel
 from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
+from pacman_env.observations.situation import PELLET, Situation
 from pacman_env.policies.base import (
     KIND_NAMES,
     BasePolicy,
@@ -22,7 +23,6 @@ from pacman_env.policies.base import (
     hold_index,
     require_numbers,
 )
-from pacman_env.sim.observation.situation import PELLET, Situation
 
 #: Names of a candidate's terms in explanations, in the order of their columns.
 _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipped")

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pacman_env.observations.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
+from pacman_env.observations.situation import PELLET, Situation
 from pacman_env.policies.base import BasePolicy, require_numbers
-from pacman_env.sim.observation.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
-from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class LookaheadParameters(NamedTuple):

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.engine.jit import kernel
+from pacman_env.observations.situation import PELLET, Situation
 from pacman_env.policies.base import BasePolicy, Floats, Indices, require_numbers
 from pacman_env.rng import POLICY, stream, uniform
-from pacman_env.sim.observation.situation import PELLET, Situation
 
 
 class Nearest(BasePolicy):

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config, make_config
+from pacman_env.observations.situation import HOLD, Situation
 from pacman_env.policies.policy_calls import checked_scores
-from pacman_env.sim.observation.situation import HOLD, Situation
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

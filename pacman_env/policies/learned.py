@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config.validation import located
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy, Explanation
 from pacman_env.policies.metadata import PlannerMetadata, read_planner
 from pacman_env.policies.policy_calls import PolicyError
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import Situation
 
 #: Planner in the package.
 PRETRAINED = Path(__file__).parent / "pretrained" / "ppo.onnx"
 _FORBIDDEN = -1e7  # logits below this mark forbidden candidates
-#: Features in explanations, in the units of ``sim/observation/planner_features.py``.
+#: Features in explanations, in the units of ``observations/planner_features.py``.
 _SHOWN = ("path_robot", "path_clyde", "time_margin", "caught_soon", "caught", "approached", "closest_mean")
 _Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # by name: type and sizes (None: any)
 _OUTPUTS: _Nodes = {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))}

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar
 import msgspec
 
 from pacman_env.config.validation import Number, Positive, convert, located, require
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 FORMAT: Literal[1] = 1
 MAX_BYTES = 16 << 20  # limit of a file; a planner of width 64 has 0.1 MB
@@ -34,7 +34,7 @@ class PlannerMetadata(msgspec.Struct, frozen=True, forbid_unknown_fields=True, o
     """Metadata of a planner's ONNX file."""
 
     format: Literal[1]  # first, because other formats have other fields
-    feature_version: int  # version of pacman_env.sim.observation.planner_features
+    feature_version: int  # version of pacman_env.observations.planner_features
     candidate_features: tuple[str, ...]
     global_features: tuple[str, ...]
     width: int  # width of the hidden layers

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.levels.draws import draw_below
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy, Policy
-from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, choices_of
-from pacman_env.sim.core.parameters import draw_below
-from pacman_env.sim.observation.situation import Situation
+from pacman_env.sim.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, GHOST_CHOICE, choices_of
 
 _OPPONENT = 32  # purpose number of the draw, different from the numbers in pacman_env/rng.py
 _SHARES = 1 << 20  # resolution of drawn shares

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from pacman_env.config import Config
+    from pacman_env.observations.situation import Situation
     from pacman_env.policies.base import Policy
-    from pacman_env.sim.observation.situation import Situation
 
 
 class PolicyError(ValueError):

@@ -16,8 +16,8 @@ from ..config import Config
 from ..game.ends import ENDS
 from ..game.ghosts import GHOST_NAMES
 from ..game.power import BLINKING, FRIGHTENED, HARMLESS_UNTIL, frightened_colour, is_away, is_harmless
-from ..sim.core.batch import GameBatch
-from ..sim.maps.assets import MapAssets
+from ..levels.assets import MapAssets
+from ..sim.batch import GameBatch
 from ..world.navigation.paths import AT_GOAL, NO_STEP
 from . import symbols
 from .palette import THEMES, Colour, Theme

@@ -1,1 +1,1 @@
-"""Simulate batches of games (world, rules and beliefs) and build the situations that policies observe."""
+"""Simulate batches of games: world, rules and beliefs."""

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from pacman_env.config import make_config
 from pacman_env.config.validation import Number, located
 from pacman_env.files import replaced, write_text
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, read
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.sim.observation.situation import Situation
 from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 
 _PREFIX = "network."  # prefix of the weights' names

@@ -23,9 +23,9 @@ from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command
 from pacman_env.config.validation import located
 from pacman_env.files import commit, prepare, replaced
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path, read_planner
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 

@@ -13,9 +13,9 @@ from pacman_env.episodes.rollout import episode_seeds, play_in
 from pacman_env.executors.executor import Executor
 from pacman_env.game.ends import COMPLETE
 from pacman_env.game.ghosts import POLICY
+from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.policies.base import Policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
+from pacman_env.sim.batch import GameBatch
 from pacman_env.training.fragments import use_device
 from pacman_env.training.lineups import LEARNED, behaviours
 from pacman_env.training.run_arguments import Arguments

@@ -66,7 +66,7 @@ class _Maximum(torch.autograd.Function):
 
 
 class EntityNetwork(nn.Module):
-    """Computes logits and values of situations from planner features (``pacman_env.sim.observation.planner_features``).
+    """Computes logits and values of situations from planner features (``pacman_env.observations.planner_features``).
 
     For ablations, ``dropped_features`` are candidate columns to ignore, and ``dropped_kinds`` are columns that mark
     candidates to forbid.

@@ -21,7 +21,7 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.utils import explained_variance
 
 from pacman_env.engine.cores import cores
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, check
 from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined

@@ -15,14 +15,14 @@ from pacman_env.episodes.decisions import allowed, ghost_choices, play_until_due
 from pacman_env.game.ends import ENDS, RUNNING, End
 from pacman_env.game.ghosts import CHASE, POLICY
 from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.levels.level_source import LevelSource
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import KIND_NAMES, Policy, reach
 from pacman_env.policies.policy_calls import PolicyError, choose
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, TO_CELL, choices_of
-from pacman_env.sim.maps.level_source import LevelSource
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, TO_CELL, choices_of
 from pacman_env.web.caught_ghosts import CaughtGhosts
 from pacman_env.web.frame import Frame, Pose, encode_all, thinned
 from pacman_env.web.game_interface import Refused

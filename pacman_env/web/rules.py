@@ -12,11 +12,11 @@ from pacman_env.config.described import settings
 from pacman_env.envs.arguments import EnvArguments
 from pacman_env.game.ghosts import POLICY, behaviour_names
 from pacman_env.game.pellets import generate_pellets
+from pacman_env.levels.assets import map_assets
+from pacman_env.levels.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
 from pacman_env.plugins import suggest
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level_source import TEST_LEVEL, TEST_LEVELS, LevelSource
 from pacman_env.web.game_interface import Refused
 from pacman_env.web.page_messages import Setup
 from pacman_env.world.map_check import check_map

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.coarse_model import Trials, main
-from tests.sim.coarse.games import config_of
+from tests.sim.coarse_games import config_of
 
 
 def test_command_prints_arrivals_places_and_catches(capsys: pytest.CaptureFixture[str]) -> None:

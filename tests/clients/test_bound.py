@@ -10,7 +10,7 @@ import pytest
 from pacman_env.config import Config, make_config
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.ends import COMPLETE
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.levels.assets import map_assets
 from tests.drawn import box, drawn
 from tests.pages import loaded
 

@@ -28,7 +28,7 @@ def test_extended_record_compiles_without_a_warning() -> None:
         assert _a_of(np.ones(1, dtype=fields)) == 1.0
 
 
-@pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/core/kernels.py"])
+@pytest.mark.parametrize("file", ["rng.py", "config/sections.py", "game/execution.py", "sim/kernels.py"])
 def test_changed_source_changes_the_hash(file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (cache_folder.PACKAGE / file).is_file()
     monkeypatch.setenv("PACMAN_ENV_CACHE", str(tmp_path / "cache"))

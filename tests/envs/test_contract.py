@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from pacman_env.envs.infos import OUTCOMES
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.observations.situation_writer import situation_of
 from tests.envs.adapters import CASES, episodes, made, play
 from tests.envs.cases import AXES, PAIRWISE, RANGES
 from tests.envs.helpers import arrays, same

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pacman_env.sim.observation.planner_features import planner_features
+from pacman_env.observations.planner_features import planner_features
 from tests.envs.cases import SMALL
 from tests.envs.helpers import make_vector, same
 from tests.navigator_drives import deepest_contact

@@ -10,8 +10,8 @@ from gymnasium import spaces
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
 from pacman_env.envs.registration import FLAT_ID
+from pacman_env.observations.situation import PELLET
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import PELLET
 from tests.envs import helpers
 from tests.envs.cases import DRIVING
 from tests.envs.helpers import make_vector, same

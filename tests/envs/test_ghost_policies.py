@@ -8,9 +8,9 @@ import pytest
 import pacman_env
 from pacman_env.config import Config, ConfigError
 from pacman_env.envs.pettingzoo_env import PACMAN
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import Situation
 from tests.envs.helpers import QUICK, make, make_vector, same
 
 FAST_GHOSTS = {**QUICK, "clyde.speed_mps": 0.8}

@@ -5,9 +5,9 @@ import numpy as np
 from pacman_env.config import make_config
 from pacman_env.envs.infos import OUTCOMES, GameInfos
 from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.kernels import summarize
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.levels.assets import map_assets
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.kernels import summarize
 
 NAMES = {RUNNING: "running", CAUGHT: "caught", COMPLETE: "complete", CLEARED: "cleared", TIMEOUT: "timeout"}
 

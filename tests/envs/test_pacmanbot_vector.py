@@ -10,9 +10,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.registration import IDS
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import Situation
 from tests.envs.cases import PAIRWISE, SMALL, arguments, name
 from tests.envs.helpers import ID, QUICK, make, make_vector, same
 

@@ -16,9 +16,9 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.pacmanbot_vector import PacManBotVectorEnv
 from pacman_env.envs.resets import ResetOptions
 from pacman_env.episodes.rollout import episode_seeds, play
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
 from tests.envs.adapters import Parallel, ParallelVec, Sb3, Single, Turns, Vector
 from tests.envs.helpers import same
 

@@ -8,10 +8,10 @@ from gymnasium import spaces
 
 from pacman_env.config import make_config
 from pacman_env.envs import spaces as env_spaces
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.observer import Observer
-from pacman_env.sim.observation.robot_features import CANDIDATE_COLUMNS
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.observer import Observer
+from pacman_env.observations.robot_features import CANDIDATE_COLUMNS
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 

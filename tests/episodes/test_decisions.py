@@ -4,10 +4,10 @@ import pytest
 from pacman_env.config import Config
 from pacman_env.episodes.decisions import allowed, ghost_choices, play_until_due
 from pacman_env.heuristics.simple import Nearest
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.core.ghost_state import TO_CANDIDATE, TO_CELL, choices_of
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.ghost_state import TO_CANDIDATE, TO_CELL, choices_of
 from tests.evaluation.helpers import CONFIG
 
 BY_POLICY = CONFIG.with_fields(**{"clyde.ghosts": ("policy", "wander", "policy")})

@@ -7,11 +7,11 @@ from pacman_env.episodes.rollout import MOST_ROUNDS, episode_seeds, play, play_i
 from pacman_env.evaluation.rounds.scenarios import Levels, open_scenario
 from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, RUNNING, TIMEOUT
 from pacman_env.heuristics.simple import Nearest
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from tests.evaluation.helpers import CONFIG, ENDLESS, LEVELS, LEVELS_CONFIG, played, played_endless, played_on_levels
 
 

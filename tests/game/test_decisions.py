@@ -12,8 +12,8 @@ from pacman_env.config import ConfigError, make_config
 from pacman_env.game.decisions import HOLD, LastDecision, Moment, decision_due, decision_rules
 from pacman_env.game.ends import RUNNING
 from pacman_env.game.execution import NO_CHOICE
-from pacman_env.sim.core import kernels
-from pacman_env.sim.core.parameters import GAME, LAST_DECISION, batch_parameters
+from pacman_env.sim import kernels
+from pacman_env.sim.parameters import GAME, LAST_DECISION, batch_parameters
 
 RULES = SimpleNamespace(**decision_rules(make_config(), float))
 FAR, NEAR = RULES.threat_distance + 1.0, RULES.threat_distance - 0.5

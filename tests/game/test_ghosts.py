@@ -8,12 +8,12 @@ from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.engine.jit import kernel
 from pacman_env.game import ghosts as rule
 from pacman_env.game.ghosts import BEHAVIOURS, GhostView, find_behaviour
-from pacman_env.sim.core.ghost_state import head_for, wander_on
-from pacman_env.sim.core.parameters import GHOST
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.maps.ghost_cells import ClydeCells, search_memory
+from pacman_env.levels.assets import MapAssets
+from pacman_env.levels.ghost_cells import ClydeCells, search_memory
+from pacman_env.sim.ghost_state import head_for, wander_on
+from pacman_env.sim.parameters import GHOST
 from tests.drawn import drawn
-from tests.sim.maps.test_ghost_cells import PERIOD, POCKETS, house, path_between, pocket_cells
+from tests.levels.test_ghost_cells import PERIOD, POCKETS, house, path_between, pocket_cells
 from tests.sim.players import new_batch
 
 at_target, choose_target, ghost_stream = map(kernel, (rule.at_target, rule.choose_target, rule.ghost_stream))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import make_config
 from pacman_env.heuristics.clyde_aware import ClydeAware
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
+from pacman_env.observations.situation import HOLD, PELLET, REFUGE, Situation
 from tests.policies.contract import PolicyContract, random_situation
 from tests.shared import shared_path
 

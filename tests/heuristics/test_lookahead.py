@@ -9,11 +9,11 @@ from pacman_env.config import make_config
 from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.game.ends import COMPLETE, RUNNING
 from pacman_env.heuristics.lookahead import Lookahead
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.prediction import CAUGHT, encounters
-from pacman_env.sim.observation.situation import PELLET
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.prediction import CAUGHT, encounters
+from pacman_env.observations.situation import PELLET
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 
 
 def test_robot_speed_defaults_to_the_games() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pacman_env.heuristics.simple import Nearest, Random, RandomPellet
-from pacman_env.sim.observation.situation import PELLET, Situation
+from pacman_env.observations.situation import PELLET, Situation
 from tests.policies.contract import random_situation
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.levels.assets import map_assets
+from pacman_env.levels.level import Level
+from pacman_env.levels.level_slots import LevelSlots
+from pacman_env.observations.situation import HOLD, PELLET, REFUGE, Situation
 from pacman_env.policies.base import Policy
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level import Level
-from pacman_env.sim.maps.level_slots import LevelSlots
-from pacman_env.sim.observation.situation import HOLD, PELLET, REFUGE, Situation
 
 
 @cache

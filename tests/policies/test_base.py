@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pacman_env.observations.situation import HOLD, REFUGE, Situation
 from pacman_env.policies.base import BasePolicy, hold_index
-from pacman_env.sim.observation.situation import HOLD, REFUGE, Situation
 from tests.policies.contract import random_situation
 
 

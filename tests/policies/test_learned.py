@@ -19,10 +19,10 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 from onnx.external_data_helper import set_external_data
 
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.policies import learned
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import metadata_path
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, planner_features
 from tests.policies.contract import random_situation
 from tests.training.planners import FACTS, random_planner
 

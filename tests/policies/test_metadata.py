@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.policies.metadata import (
     FORMAT,
     MAX_BYTES,
@@ -22,7 +23,6 @@ from pacman_env.policies.metadata import (
     parse,
     read_planner,
 )
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 
 MODEL = b"the network"
 TRAINING = Training((0.2, 0.5), (0.22, 0.31), "generated:train", "robot", "robust", 1000, 7)

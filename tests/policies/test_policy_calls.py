@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.policy_calls import PolicyError, choose, reset
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import Situation
 from tests.policies.contract import random_situation
 
 MODULE = """\

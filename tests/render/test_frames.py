@@ -11,12 +11,12 @@ from pacman_env.config import Config, make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.game.ends import CAUGHT, CLEARED, COMPLETE, ENDS, RUNNING, TIMEOUT
 from pacman_env.game.power import FRIGHTENED
+from pacman_env.levels.assets import MapSource, map_assets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.render import symbols
 from pacman_env.render.frames import MapView, map_view, render_frame
 from pacman_env.render.palette import LIGHT, THEMES, Colour, Theme
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapSource, map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.maps.occupancy import OccupancyMap, shipped_maps
 from tests.sim.players import new_batch
 

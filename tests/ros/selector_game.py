@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 from std_msgs.msg import Header
 
 from pacman_env.config import make_config
+from pacman_env.levels.assets import MapAssets, map_assets
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.message_conversion import markers_of, pose_message
-from pacman_env.sim.maps.assets import MapAssets, map_assets
 from tests.ros import scripted_nav2
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import NAV2_BY_HAND, NODES, SIMULATOR, GameSetup
 from pacman_env.ros.message_conversion import nanoseconds_of, seconds_of, transform_of, twist_message
-from pacman_env.sim.core import navigate_to_pose
+from pacman_env.sim import navigate_to_pose
 from pacman_env.world.navigation.grid import clearance_m
 from pacman_env.world.navigation.localization import compose
 from tests.ros import session

@@ -6,10 +6,10 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.ends import RUNNING
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level_source import GeneratedMaps
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import map_assets
+from pacman_env.levels.level_source import GeneratedMaps
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 
 
 def new_batch(config: Config, n: int = 1, source: Any = "house", first_seed: int = 0, levels: int = 4) -> GameBatch:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.navigate_to_pose import Ended, Navigation
-from pacman_env.sim.core.robot_simulation import SimulatedRobot
+from pacman_env.sim.navigate_to_pose import Ended, Navigation
+from pacman_env.sim.robot_simulation import SimulatedRobot
 from pacman_env.world.maps.occupancy import OccupancyMap
 from tests.drawn import TWO_ROOMS, drawn
 

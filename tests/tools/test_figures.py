@@ -41,9 +41,9 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("file", "changed"),
     [
         ("policies/pretrained/ppo.onnx", {"planner"}),
-        ("sim/observation/planner_features.py", {"features"}),
-        ("sim/core/ticks.py", {"engine"}),
-        ("sim/coarse/model.py", {"search"}),
+        ("observations/planner_features.py", {"features"}),
+        ("sim/ticks.py", {"engine"}),
+        ("sim/coarse_model.py", {"search"}),
         ("heuristics/simple.py", {"policies"}),
         ("web/server.py", set()),
     ],

@@ -11,7 +11,7 @@ from pacman_env.command_line.options import help_texts
 from pacman_env.config import Config
 from pacman_env.config.described import settings
 from pacman_env.envs.registration import FLAT_ID, IDS
-from pacman_env.sim.observation.planner_columns import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.observations.planner_columns import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.run_arguments import Hyperparameters
 from tools import ids
 from tools.common import ROOT

@@ -5,8 +5,8 @@ from typing import Any
 
 import torch
 
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.policies.metadata import Training
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.checkpoint import Facts
 from pacman_env.training.export import export_planner
 from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork

@@ -16,9 +16,9 @@ pytest.importorskip("onnx")
 import onnx
 import torch
 
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import metadata_path, read_planner
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.training.export import OPSET, export_planner, model_bytes, network_of
 from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
 from tests.training.planners import FACTS, plain, random_network, random_planner

@@ -10,9 +10,9 @@ pytest.importorskip("sb3_contrib")
 
 import pacman_env
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
+from pacman_env.observations.planner_features import planner_features
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.planner_features import planner_features
-from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.training.training_games import CLYDE, GhostGames, game_settings, make_ghost_parts
 from tests.training.test_run_arguments import tiny
 

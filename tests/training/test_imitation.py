@@ -13,9 +13,9 @@ pytest.importorskip("sb3_contrib")
 import torch
 
 from pacman_env.executors.executor import InProcess
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose

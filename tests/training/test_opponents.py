@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.game_runner import GameRunner
 from pacman_env.executors.executor import InProcess
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters

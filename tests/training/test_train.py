@@ -13,9 +13,9 @@ pytest.importorskip("sb3_contrib")
 from pacman_env.episodes.rollout import play
 from pacman_env.executors.executor import InProcess
 from pacman_env.game.ends import COMPLETE
+from pacman_env.levels.level_source import GeneratedMaps
+from pacman_env.observations.situation import REFUGE
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.sim.maps.level_source import GeneratedMaps
-from pacman_env.sim.observation.situation import REFUGE
 from pacman_env.training.checkpoint import facts_path, read_facts
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.train import main, parse

@@ -10,9 +10,9 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.simple import Nearest
+from pacman_env.levels.level_source import TEST_LEVEL, ListedMaps
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.sim.maps.level_source import TEST_LEVEL, ListedMaps
-from pacman_env.sim.observation.planner_features import CANDIDATE_FEATURES
 from pacman_env.training.run_arguments import Arguments
 from pacman_env.training.train import parse
 from pacman_env.training.training_games import (

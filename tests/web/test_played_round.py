@@ -15,10 +15,10 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.replay import RecordedGame
 from pacman_env.evaluation.rounds.scenarios import open_scenario
 from pacman_env.game.goals import goal_name
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.observation.situation import Situation
 from pacman_env.web import played_round
 from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
 from pacman_env.web.rules import Choices, Rules

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pacman_env.sim.maps.level_source import TEST_LEVEL
+from pacman_env.levels.level_source import TEST_LEVEL
 from pacman_env.web.game_interface import Refused
 from pacman_env.web.page_messages import Setup
 from pacman_env.web.rules import Choices, Rules

@@ -13,10 +13,10 @@ from tools.common import ROOT
 INPUTS: dict[str, tuple[str, ...]] = {
     "planner": ("policies/pretrained/ppo.json", "policies/pretrained/ppo.onnx"),
     "learned Clyde": ("policies/pretrained/clyde.json", "policies/pretrained/clyde.onnx"),
-    "features": ("sim/observation",),
-    "engine": ("game", "rng.py", "sim", "world"),
+    "features": ("observations",),
+    "engine": ("game", "rng.py", "levels", "sim", "world"),
     "policies": ("heuristics", "policies"),
-    "search": ("heuristics/search", "sim/coarse"),
+    "search": ("heuristics/search", "levels/coarse_map.py", "sim/coarse_model.py", "observations/coarse_start.py"),
     "environments": ("envs",),
     "evaluation": ("episodes", "evaluation/rounds", "executors"),
     "training": ("training",),

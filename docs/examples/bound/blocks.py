@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.sim.coarse.coarse_map import between_all, blocks_of, joined_blocks
-from pacman_env.sim.maps.assets import MapAssets
+from pacman_env.levels.assets import MapAssets
+from pacman_env.levels.coarse_map import between_all, blocks_of, joined_blocks
 
 MOST_PAIRS = 5_000_000  # limit of pairs (robot block, ghost block), for memory and time
 LEAST_EDGE_M = 0.2

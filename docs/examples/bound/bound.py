@@ -19,11 +19,11 @@ from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.game.ghosts import find_behaviour
 from pacman_env.heuristics.search.beam import NODE, new_memory, search
 from pacman_env.heuristics.search.search import SearchParameters
-from pacman_env.sim.coarse.model import MOST_PELLETS, NOWHERE, Behaviours, Lags, play
-from pacman_env.sim.coarse.start import start
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.observations.coarse_start import start
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.coarse_model import MOST_PELLETS, NOWHERE, Behaviours, Lags, play
 
 SEARCH = SearchParameters()
 

@@ -14,7 +14,7 @@ from pacman_env.episodes.rollout import EPISODE, play
 from pacman_env.evaluation.rounds import scenarios
 from pacman_env.evaluation.rounds.scenarios import Levels, Scenario
 from pacman_env.executors.executor import Executor
-from pacman_env.sim.core import compile_ahead
+from pacman_env.sim import compile_ahead
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 _LARGEST_PIECE = 200  # most rounds of a piece: keeps processes busy, and few rounds are lost with a process

@@ -22,12 +22,12 @@ from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
 from pacman_env.config import EXECUTIONS, ClydeConfig, Config, ConfigError, make_config, parse_settings
 from pacman_env.config.validation import require
 from pacman_env.files import displayable, install_command
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.levels.level import Level
+from pacman_env.levels.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
+from pacman_env.levels.round_time import time_warning
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.maps.level import Level
-from pacman_env.sim.maps.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
-from pacman_env.sim.maps.round_time import time_warning
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 T = TypeVar("T")

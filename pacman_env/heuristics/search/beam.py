@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel
-from ...sim.coarse.model import GHOST, NOWHERE, ROBOT, copy_ghosts, lead_m, play
-from ...sim.observation.situation import insert_nearest
+from ...observations.situation import insert_nearest
+from ...sim.coarse_model import GHOST, NOWHERE, ROBOT, copy_ghosts, lead_m, play
 
 NODE = np.dtype(
     [

@@ -10,6 +10,9 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.goals import goal_name
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.observations.robot_view import RobotView
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy
@@ -17,9 +20,6 @@ from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_walk import Walk, recorded_config
 from pacman_env.ros.bags.pose_statistics import QUANTITIES, simulated_statistics
 from pacman_env.ros.supervisor.terminal import wrapped
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.robot_view import RobotView
-from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import load_map
 
 _LISTED = 20

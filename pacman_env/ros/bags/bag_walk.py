@@ -7,6 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from pacman_env.config import Config, differences, located, make_config
+from pacman_env.levels.assets import MapAssets
+from pacman_env.observations.robot_view import RobotView, Seen
+from pacman_env.observations.situation import Situation
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import Bag, BagError, Recorded
 from pacman_env.ros.bags.pose_statistics import PoseStatistics
@@ -14,9 +17,6 @@ from pacman_env.ros.game_monitor import GameMonitor
 from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.message_conversion import BadMessage, ghost_times_of, pose_of
 from pacman_env.ros.selector.believed_pose import BelievedPose
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.observation.robot_view import RobotView, Seen
-from pacman_env.sim.observation.situation import Situation
 
 _READ = (
     *(topics.GAME_STATE, topics.GAME_STATUS, topics.PELLET_MARKERS, topics.REMOVE_PELLET, *topics.GHOST_POSES),

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from pacman_env.config import Config
 from pacman_env.game.decisions import HOLD, LastDecision
 from pacman_env.game.ends import RUNNING
+from pacman_env.levels.assets import MapAssets
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.navigation.localization import Pose, compose, relative
 
 DRIVING_MPS = 0.05  # a slower robot stands

@@ -1,6 +1,6 @@
 """Node ``clyde_ghost_node``: Clyde and the other ghosts on the map, as poses, markers and obstacles.
 
-Targets and motion of ghosts are the simulator's (``sim/core/ghost_state.py``); this node adds a clock and topics.
+Targets and motion of ghosts are the simulator's (``sim/ghost_state.py``); this node adds a clock and topics.
 Policies that move ghosts get the same situation as the robot's policy.
 """
 
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOSTS
 from pacman_env.game.power import EYES, frightened_colour
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.robot_view import Pellets, RobotView, Seen
 from pacman_env.policies.policy_calls import PolicyError, choose, reset
 from pacman_env.policies.registry import split_ghosts
-from pacman_env.sim.core.ghost_state import GHOST_CHOICE, MapGhosts, choices_of
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.robot_view import Pellets, RobotView, Seen
+from pacman_env.sim.ghost_state import GHOST_CHOICE, MapGhosts, choices_of
 
 from .. import message_conversion as messages
 from .. import topics

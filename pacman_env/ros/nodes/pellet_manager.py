@@ -24,7 +24,7 @@ class PelletManager(GameNode):
             self.get_logger().warning(f"{map.name}: no room for a pellet, {config.spacing_m} m apart")
         self._power: set[int] = set()
         if self.config.power.pellets > 0:
-            from pacman_env.sim.maps.assets import map_assets  # needs memory, so other games do not import it
+            from pacman_env.levels.assets import map_assets  # needs memory, so other games do not import it
 
             assets = map_assets(map, self.config)  # only pellets that the robot can reach
             power = assets.power_pellets(self.config.power.pellets)[: assets.pellets]

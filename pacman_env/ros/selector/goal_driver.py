@@ -13,6 +13,7 @@ from std_msgs.msg import Float64MultiArray, Int32, String
 from pacman_env.game.execution import CANCELED
 from pacman_env.game.goals import ExecutorAction, Place
 from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.policy_calls import PolicyError, name_of, scores, what_users_raise
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import costmaps_without
@@ -25,7 +26,6 @@ from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.selector.saved_jump import SavedJump
 from pacman_env.ros.selector.selection import Selection
-from pacman_env.sim.observation.situation import Situation
 
 _STOPPED = "stopped by the operator"
 _REPEAT_S = 2.0  # wall time, because a restart of the referee takes wall time

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pacman_env.levels.assets import MapAssets
+from pacman_env.observations.situation import HOLD, Situation
 from pacman_env.policies.base import Policy, reach
 from pacman_env.ros.message_conversion import marker_message
 from pacman_env.ros.topics import SCORE_MARKERS
-from pacman_env.sim.maps.assets import MapAssets
-from pacman_env.sim.observation.situation import HOLD, Situation
 
 _HEIGHT_M = 0.25  # height of the letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)

@@ -8,9 +8,9 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import CHASES
+from pacman_env.observations.robot_view import RobotView
 from pacman_env.policies.base import Policy
 from pacman_env.policies.policy_calls import choose, name_of, reset, scores
-from pacman_env.sim.observation.robot_view import RobotView
 
 SLOW_S = 1.0  # a slower choice is discarded, because robot and ghosts have moved
 

@@ -18,6 +18,9 @@ from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import ExecutorAction, home_place
 from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.robot_view import RobotView, Seen
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import Policy
 from pacman_env.policies.policy_calls import PolicyError, choose, name_of, reset
 from pacman_env.policies.registry import make_policy
@@ -42,9 +45,6 @@ from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
 from pacman_env.ros.selector.reasons import GHOST_LOST, NAV2_FAILS, POLICY_FAILS
 from pacman_env.ros.selector.rehearsal import SLOW_S, rehearse
 from pacman_env.ros.surroundings import current
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.robot_view import RobotView, Seen
-from pacman_env.sim.observation.situation import Situation
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 

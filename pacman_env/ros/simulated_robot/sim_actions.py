@@ -1,6 +1,6 @@
 """The simulated robot's two actions: ``navigate_to_pose`` and ``audio_note_sequence``.
 
-``sim/core/navigate_to_pose.py`` decides what happens to goals; this module receives, checks and answers them.
+``sim/navigate_to_pose.py`` decides what happens to goals; this module receives, checks and answers them.
 """
 
 import math
@@ -15,7 +15,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.duration import Duration
 from rclpy.task import Future
 
-from ...sim.core.navigate_to_pose import Navigation
+from ...sim.navigate_to_pose import Navigation
 from .. import topics
 from ..message_conversion import BadMessage, pose_message, pose_of, seconds_of
 from ..node import GameNode

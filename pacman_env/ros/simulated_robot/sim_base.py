@@ -8,8 +8,8 @@ from action_msgs.msg import GoalStatus
 from irobot_create_msgs import msg as irobot
 from sensor_msgs.msg import BatteryState
 
-from ...sim.core.docking import LIMIT_S, Dock, Velocities
-from ...sim.core.robot_simulation import SimulatedRobot, bumps
+from ...sim.docking import LIMIT_S, Dock, Velocities
+from ...sim.robot_simulation import SimulatedRobot, bumps
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..message_conversion import BadMessage, pose_message

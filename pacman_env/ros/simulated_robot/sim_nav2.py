@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ...sim.core.navigate_to_pose import Navigation
+from ...sim.navigate_to_pose import Navigation
 from .. import topics
 from ..message_conversion import GHOST_OBSTACLE, points_of, pose_of
 from ..node import GameNode

@@ -1,7 +1,7 @@
 """Node ``sim_robot``: the simulated robot with the robot's interface, instead of base, lidar, AMCL and Nav2.
 
 It sets the pace of time, receives velocities, poses, lights and faults, and steps the world
-(``sim/core/robot_simulation.py``). Without ``navigation`` it is only a TurtleBot 4's base and lidar (``sim_base.py``),
+(``sim/robot_simulation.py``). Without ``navigation`` it is only a TurtleBot 4's base and lidar (``sim_base.py``),
 for a real Nav2.
 """
 
@@ -17,8 +17,8 @@ from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...sim.core.navigate_to_pose import Navigation
-from ...sim.core.robot_simulation import SimulatedRobot
+from ...sim.navigate_to_pose import Navigation
+from ...sim.robot_simulation import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
 from ..discovery import publishers, stay_on_this_machine

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from tf2_msgs.msg import TFMessage
 
-from ...sim.core.robot_simulation import SimulatedRobot
+from ...sim.robot_simulation import SimulatedRobot
 from ...world.maps.occupancy import OccupancyMap
 from ...world.navigation.localization import Pose, compose, inverse
 from .. import topics

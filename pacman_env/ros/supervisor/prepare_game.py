@@ -8,15 +8,15 @@ import sys
 from pathlib import Path
 
 from pacman_env.engine.cache_folder import check_kept
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.robot_view import RobotView
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.ros.game_nodes import SELECTOR, SIMULATOR, GameSetup, from_json
 from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.ros.supervisor.preparation import CHECKED, GHOSTS, PreparationJob, map_mark
 from pacman_env.ros.supervisor.processes import BAD_START
-from pacman_env.sim.core.ghost_state import MapGhosts
-from pacman_env.sim.core.robot_simulation import SimulatedRobot
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.robot_view import RobotView
+from pacman_env.sim.ghost_state import MapGhosts
+from pacman_env.sim.robot_simulation import SimulatedRobot
 from pacman_env.world.maps.occupancy import load_map
 
 

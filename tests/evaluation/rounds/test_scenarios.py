@@ -25,7 +25,7 @@ from pacman_env.evaluation.rounds.scenarios import (
     rule_changes,
     warn_of_short_time,
 )
-from pacman_env.sim.maps.level_source import TEST_LEVEL, GeneratedMaps
+from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.world.maps.occupancy import MapError, load_map
 from tests.evaluation.helpers import CONFIG, LEVELS, LEVELS_CONFIG
 

@@ -14,14 +14,14 @@ from pacman_env.game.ends import CAUGHT, COMPLETE
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.heuristics.search import search as module
 from pacman_env.heuristics.search.search import Search, is_predictable
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation import HOLD
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation import HOLD
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from tests.policies.contract import PolicyContract
-from tests.sim.coarse.games import config_of, first_situation
+from tests.sim.coarse_games import config_of, first_situation
 
 
 class TestSearchAgainstAChaser(PolicyContract):

@@ -17,16 +17,16 @@ pytest.importorskip("rosbags")
 from pacman_env.cli.main import main
 from pacman_env.config import make_config
 from pacman_env.heuristics.simple import Nearest
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import BagError, open_bag
 from pacman_env.ros.bags.bag_replay import replay_bag
 from pacman_env.ros.bags.bag_walk import chosen_of, recorded_config
 from pacman_env.ros.bags.pose_statistics import PoseStatistics, simulated_statistics
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation import Situation
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from tests.ros.bags.recorded import record_round, replay, said, without, words_bag
 
 

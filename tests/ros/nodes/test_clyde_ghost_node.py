@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.levels.assets import map_assets
+from pacman_env.levels.ghost_cells import ClydeCells
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.sim.core.ghost_state import MapGhosts
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.ghost_cells import ClydeCells
+from pacman_env.sim.ghost_state import MapGhosts
 from tests.ros.nodes.test_contract import click, pose
 from tests.ros.session import Session
 from tests.shared import shared_path

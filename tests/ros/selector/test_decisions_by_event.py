@@ -15,13 +15,13 @@ from std_msgs.msg import Header, String
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.goals import ExecutorAction
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.ros import surroundings, topics
 from pacman_env.ros.message_conversion import markers_of, pose_message
 from pacman_env.ros.node import Once
 from pacman_env.ros.selector.pose_watch import PoseLimits
 from pacman_env.ros.selector.selection import Selection
-from pacman_env.sim.observation.situation import Situation
 from tests.calls import calls_of
 from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_at, pellet, slot_of
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.levels.assets import map_assets
+from pacman_env.levels.level import COARSE_MAP
+from pacman_env.observations.robot_view import RobotView
+from pacman_env.observations.situation import maps_of
 from pacman_env.policies.registry import make_policy
 from pacman_env.ros.selector.rehearsal import rehearse
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.maps.level import COARSE_MAP
-from pacman_env.sim.observation.robot_view import RobotView
-from pacman_env.sim.observation.situation import maps_of
 
 
 def test_rehearsal_prepares_map_that_predicts_chase() -> None:

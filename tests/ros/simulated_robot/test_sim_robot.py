@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import cloud_message, pose_message, pose_of, seconds_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
-from pacman_env.sim.core import navigate_to_pose as nav
+from pacman_env.sim import navigate_to_pose as nav
 from tests.ros.simulated_robot.driven import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot
 from tests.sim.robots import DOOR, RIGHT, rooms
 

@@ -9,7 +9,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SIMULATOR, module_of
 from pacman_env.ros.message_conversion import pose_of, seconds_of, transform_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
-from pacman_env.sim.core import navigate_to_pose as nav
+from pacman_env.sim import navigate_to_pose as nav
 from pacman_env.world.navigation.localization import compose
 from tests.ros.simulated_robot.driven import ABORTED, SUCCEEDED, Robot
 from tests.ros.system import Probe, System

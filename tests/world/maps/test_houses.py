@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.config import ClydeConfig, Nav2Config, PelletConfig, RobotConfig
-from pacman_env.sim.maps.ghost_cells import clyde_cells
+from pacman_env.levels.ghost_cells import clyde_cells
 from pacman_env.world.maps import houses
 from pacman_env.world.maps.house_rooms import Dice, area
 from pacman_env.world.maps.house_survey import GLASS, MAX_PIXELS, OPEN, SOLID, Shape, survey

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import map_assets
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.navigation.localization import LOCALIZATION_FIELDS, Pose, compose, inverse, scan, update, wrap
 from tests.navigator_drives import ALONE, drive_leg, with_goals
 from tests.physics_steps import watch

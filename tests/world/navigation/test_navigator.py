@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from pacman_env.config import Config, make_config
-from pacman_env.sim.core.batch import GameBatch
-from pacman_env.sim.maps.assets import MapAssets, map_assets
-from pacman_env.sim.observation.situation_writer import situation_of
+from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.observations.situation_writer import situation_of
+from pacman_env.sim.batch import GameBatch
 from pacman_env.world.navigation.navigator import ABORTED, ACTIVE, CANCELED, IDLE, NO_RESULT, SUCCEEDED
 from tests import physics_steps
 from tests.drawn import TWO_ROOMS, drawn

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.sim.maps.assets import map_assets
+from pacman_env.levels.assets import map_assets
 from pacman_env.world.navigation.paths import (
     ARRIVED,
     AT_GOAL,

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pacman_env.config import Config
-from pacman_env.sim.core.parameters import GAME, batch_parameters
+from pacman_env.sim.parameters import GAME, batch_parameters
 from pacman_env.world.navigation.physics import Contacts, copy_touched, move, place
 from pacman_env.world.navigation.walls import clear_cells, overlap_m
 

@@ -1,1 +1,0 @@
-"""Batches of games that are stepped together: records, kernels and classes."""
