@@ -260,9 +260,8 @@ class GameBatch(GameState):
                 raise ValueError(f"action {actions[game].tolist()} of game {game}: must be two finite numbers")
             self.arrays["velocities"][:] = actions
             return
-        bad = np.flatnonzero((actions < 0) | (actions > self.hold))
-        if len(bad):
-            raise ValueError(f"choice {actions[bad[0]]} of game {bad[0]}: candidates are 0 to {self.hold}")
+        for game in np.flatnonzero((actions < 0) | (actions > self.hold))[:1]:
+            raise ValueError(f"choice {actions[game]} of game {game}: candidates are 0 to {self.hold}")
         self.arrays["choices"][:] = actions
 
     def place_ghost(self, game: int, number: int, x: float, y: float) -> tuple[float, float]:
