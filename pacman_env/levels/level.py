@@ -47,7 +47,7 @@ class LevelArrays(NamedTuple):
 class PredictionArrays(NamedTuple):
     """Arrays of a level that only predictions and planner features read."""
 
-    coarse_steps: Any = Array(np.uint8, "t G")  # steps along paths, in tiles of 64 cells
+    coarse_steps: Any = Array(np.uint8, "H W G")  # steps along paths
     goal_cell: Any = Array(np.int32, "G")  # drivable cell, -1: none
     goal_apart_m: Any = Array(np.float32, "G")  # smallest distance of a ghost
 
@@ -119,8 +119,7 @@ class Level:
     def add_prediction_arrays(self) -> None:
         if self.find(PREDICTION) is None:
             assets = self.assets
-            tiles = coarse_steps(assets.next_step, assets.grid.cell, assets.grid.shape)
-            steps = tiles.reshape(-1, tiles.shape[-1])
+            steps = coarse_steps(assets.next_step, assets.grid.cell, *assets.grid.shape)
             goals = {"goal_cell": assets.goal_cell, "goal_apart_m": assets.goal_apart_m}
             self.add(PREDICTION, Table(PredictionArrays, coarse_steps=steps, **goals))
 

@@ -16,7 +16,7 @@ from ..engine.jit import kernel
 from ..levels.level import PREDICTION, level_arrays, prediction_arrays
 from ..world.navigation.controller import START_FIELDS, start_s, start_values
 from ..world.navigation.grid import cell_of
-from ..world.navigation.paths import ARRIVED, NO_WAY, TILE, coarse_step, tile_index
+from ..world.navigation.paths import ARRIVED, NO_WAY, coarse_step
 from .situation import HARMLESS, Situation, maps_of, situation_arrays
 
 STEP_S = 0.5  # time between two instants
@@ -83,8 +83,7 @@ def seen_arrays(situation: Situation, robot_speed_mps: float) -> SeenArrays:
 class _Map(NamedTuple):
     """A level as walkers need it."""
 
-    steps: Any  # (T, G) uint8, codes of coarse steps by tile and cell, to each goal
-    across: Any  # number of tiles in a row
+    steps: Any  # (H, W, G) uint8, codes of coarse steps to each goal
     affine: Any  # (6,) m to column and row
     cells_per_m: Any
 
@@ -132,8 +131,8 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _map_of(level):  # type: ignore[no-untyped-def]
-    steps, across = prediction_arrays(level.later[PREDICTION]).coarse_steps, -(-level.snap.shape[1] // TILE)
-    return _Map(steps, across, level.affine, math.sqrt(level.affine[0] ** 2 + level.affine[3] ** 2))
+    steps = prediction_arrays(level.later[PREDICTION]).coarse_steps
+    return _Map(steps, level.affine, math.sqrt(level.affine[0] ** 2 + level.affine[3] ** 2))
 
 
 @kernel
@@ -167,12 +166,12 @@ def _walk(m, place, goal, late, stretch, goals, paths, w):  # type: ignore[no-un
         paths.x[j, w], paths.y[j, w] = x, y
     walked = late
     while first < STEPS:
-        code = m.steps[tile_index(column, row, m.across), goal]
+        code = m.steps[row, column, goal]
         if code == ARRIVED and goals > 1:
             goal = (7 * goal + 5) % goals  # any other goal, but deterministic
-            if m.steps[tile_index(column, row, m.across), goal] == ARRIVED:
+            if m.steps[row, column, goal] == ARRIVED:
                 goal = (goal + 1) % goals
-            code = m.steps[tile_index(column, row, m.across), goal]
+            code = m.steps[row, column, goal]
         if code in (ARRIVED, NO_WAY):
             break
         columns, rows = coarse_step(code)
@@ -204,7 +203,7 @@ def _ghost_paths(m, place, velocity, stretch, goals, room):  # type: ignore[no-u
     """
     used, ghost, weights = 0, room.ghost, room.weights
     for goal in range(goals):
-        if m.steps[tile_index(place.column, place.row, m.across), goal] != NO_WAY:
+        if m.steps[place.row, place.column, goal] != NO_WAY:
             _walk(m, place, np.int64(goal), 0.0, stretch, np.int64(goals), ghost, np.int64(used))
             used += 1
     _walk(m, place, np.int64(0), np.inf, stretch, np.int64(goals), ghost, np.int64(used))
@@ -233,7 +232,7 @@ def _first_stretch(m, robot, heading, clyde, goal, result):  # type: ignore[no-u
     """
     column, row = robot.column, robot.row
     for _ in range(2):
-        code = m.steps[tile_index(column, row, m.across), goal]
+        code = m.steps[row, column, goal]
         if code == NO_WAY:
             return -1.0
         columns, rows = coarse_step(code)

@@ -246,45 +246,22 @@ def navfn_weights(cost: NDArray[np.uint8], cell: NDArray[np.int32]) -> NDArray[n
     return np.asarray(weight[cost[cell[:, 1], cell[:, 0]]])
 
 
-# Coarse steps of three cells, for predictions along many paths at once. Each goal has one byte per cell; the bytes of a
-# cell, and the cells of a tile of 8 by 8, are adjacent in memory, so that nearby paths and successive cells share cache
-# lines.
+# Coarse steps of three cells, for predictions along many paths at once; one byte per cell and goal.
 
-TILE = 8  # cells along a side
 NO_WAY = 0
 ARRIVED = 85  # a step of length 0
 _REACH = 6  # three steps of at most two cells
 _SIDE = 2 * _REACH + 1
 
 
-def coarse_steps(next_step: NDArray[np.int16], cell: NDArray[np.int32], shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """Return codes (R, C, 8, 8, G) uint8, by tile and cell: the cell three steps further on the path to each goal.
+@kernel
+def coarse_steps(next_step, cell, rows, columns):  # type: ignore[no-untyped-def]
+    """Return codes (``rows``, ``columns``, G) uint8: the cell three steps further on the path to each goal.
 
     The code is ``NO_WAY`` without a path and ``ARRIVED`` at the goal. Three steps are 0.15 to 0.35 m for cells of 0.05
-    m. ``next_step`` is (G, K), ``cell`` (K, 2) column and row, and ``shape`` rows and columns of the grid.
+    m. ``next_step`` is (G, K), and ``cell`` (K, 2) column and row.
     """
-    rows, columns = (-(-n // TILE) for n in shape)
-    result = np.zeros((rows, columns, TILE, TILE, len(next_step)), dtype=np.uint8)
-    _fill_coarse(next_step, cell, result)
-    return result
-
-
-@kernel
-def coarse_step(code):  # type: ignore[no-untyped-def]
-    """Decode a coarse step: return the numbers of columns and rows that it advances; ``code`` is at least 1."""
-    row = (code - 1) // _SIDE
-    return code - 1 - row * _SIDE - _REACH, row - _REACH
-
-
-@kernel
-def tile_index(column, row, across):  # type: ignore[no-untyped-def]
-    """Return the index of a cell in the flat array of tiles; a row of the grid has ``across`` tiles."""
-    return ((row >> 3) * across + (column >> 3) << 6) + ((row & 7) << 3) + (column & 7)
-
-
-@kernel
-def _fill_coarse(next_step, cell, result):  # type: ignore[no-untyped-def]
-    """Write the codes of the cells (K, 2) to ``result`` (R, C, 8, 8, G), where ``next_step`` (G, K) has a path."""
+    result = np.zeros((rows, columns, next_step.shape[0]), np.uint8)
     for k in range(next_step.shape[1]):
         column, row = cell[k]
         for goal in range(next_step.shape[0]):
@@ -295,4 +272,12 @@ def _fill_coarse(next_step, cell, result):  # type: ignore[no-untyped-def]
             reached += next_step[goal, reached]
             reached += next_step[goal, reached]
             code = 1 + (cell[reached, 1] - row + _REACH) * _SIDE + cell[reached, 0] - column + _REACH
-            result[row // TILE, column // TILE, row % TILE, column % TILE, goal] = code
+            result[row, column, goal] = code
+    return result
+
+
+@kernel
+def coarse_step(code):  # type: ignore[no-untyped-def]
+    """Decode a coarse step: return the numbers of columns and rows that it advances; ``code`` is at least 1."""
+    row = (code - 1) // _SIDE
+    return code - 1 - row * _SIDE - _REACH, row - _REACH

@@ -11,7 +11,6 @@ from pacman_env.world.navigation.paths import (
     NO_STEP,
     NO_WAY,
     STEPS16,
-    TILE,
     UNREACHABLE_CM,
     PathFields,
     coarse_step,
@@ -19,7 +18,6 @@ from pacman_env.world.navigation.paths import (
     navfn_weights,
     neighbour_table,
     step_lengths,
-    tile_index,
 )
 
 RESOLUTION = 0.05
@@ -166,7 +164,7 @@ def test_weights_are_navfn_costs_over_free_costs() -> None:
 def test_coarse_step_is_three_steps() -> None:
     assets = map_assets("maze", make_config())
     cell, steps = assets.grid.cell, assets.next_step
-    found = coarse_steps(steps, cell, assets.grid.shape)
+    found = coarse_steps(steps, cell, *assets.grid.shape)
     rng = np.random.default_rng(0)
     arrived = 0
     for _ in range(500):
@@ -175,7 +173,7 @@ def test_coarse_step_is_three_steps() -> None:
         for _ in range(3):
             there += int(steps[goal, there])
         column, row = cell[k]
-        code = found[row // TILE, column // TILE, row % TILE, column % TILE, goal]
+        code = found[row, column, goal]
         assert coarse_step(code) == tuple(cell[there] - cell[k])
         arrived += code == ARRIVED
         assert (code == ARRIVED) == (steps[goal, k] == 0)
@@ -191,16 +189,8 @@ def test_every_coarse_step_has_its_own_code() -> None:
 def test_coarse_steps_end_at_goal_or_nowhere() -> None:
     steps = np.array([[1, 1, 0], [NO_STEP, NO_STEP, NO_STEP]], dtype=np.int16)
     cell = np.array([[0, 1], [1, 1], [2, 1]], dtype=np.int32)
-    found = coarse_steps(steps, cell, (9, 3))
-    assert found.shape == (2, 1, TILE, TILE, 2)
-    assert [coarse_step(code) for code in found[0, 0, 1, :3, 0]] == [(2, 0), (1, 0), (0, 0)]
+    found = coarse_steps(steps, cell, 9, 3)
+    assert found.shape == (9, 3, 2)
+    assert [coarse_step(code) for code in found[1, :3, 0]] == [(2, 0), (1, 0), (0, 0)]
     assert (found[..., 1] == NO_WAY).all()
     assert np.count_nonzero(found) == 3
-
-
-def test_cells_lie_tile_by_tile() -> None:
-    rows, columns = np.mgrid[:24, :16]
-    tiles = np.arange(24 * 16).reshape(3, 2, TILE, TILE)
-    expected = tiles[rows // TILE, columns // TILE, rows % TILE, columns % TILE]
-    found = [[tile_index(c, r, 2) for c in range(16)] for r in range(24)]
-    np.testing.assert_array_equal(found, expected)
