@@ -57,7 +57,7 @@ def test_changed_file_changes_its_input_only(file: str, changed: set[str], packa
 
 
 def test_comments_and_docstrings_do_not_change_an_input(package: Path) -> None:
-    file, before = package / "sim" / "observation" / "prediction.py", hashes(INPUTS, package)
+    file, before = package / "observations" / "prediction.py", hashes(INPUTS, package)
     original = file.read_text(encoding="utf-8")
     file.write_text(original.replace('"""Predict', '"""Guess', 1) + "# a comment\n", encoding="utf-8")
     after = hashes(INPUTS, package)
@@ -70,6 +70,14 @@ def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.Capture
     assert "house" in [name for name, _ in stale(store.read(), now)]
     assert check(store.read(), now) == 1
     assert "house (docs/index.md): planner" in capsys.readouterr().out
+
+
+def test_figure_of_earlier_ids_waits_and_says_so() -> None:
+    record = {"version": "1.2.3", "commit": "0123abcd", "date": "2026-01-02", "machine": "2 x Test", "inputs": {"a": "1"}}
+    assert [name for name, _ in stale({"old": record}, {"a": "2"})] == ["old"]
+    marked = {"old": {**record, "of_ids": "-v1"}}
+    assert list(stale(marked, {"a": "2"})) == []
+    assert "with the ids -v1" in filled("<!-- figure: old/stamp --><!-- end -->", marked)
 
 
 def test_block_is_filled_inline_and_as_a_table() -> None:
