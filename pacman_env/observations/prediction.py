@@ -206,7 +206,8 @@ def _ghost_paths(m, place, velocity, stretch, goals, room):  # type: ignore[no-u
         if m.steps[place.row, place.column, goal] != NO_WAY:
             _walk(m, place, np.int64(goal), 0.0, stretch, np.int64(goals), ghost, np.int64(used))
             used += 1
-    _walk(m, place, np.int64(0), np.inf, stretch, np.int64(goals), ghost, np.int64(used))
+    for j in range(STEPS):
+        ghost.x[j, used], ghost.y[j, used] = place.x, place.y
     v = math.sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1])
     early = STEPS - 1 if stretch <= 0.0 else min(int(_FIRST_M * m.cells_per_m / stretch), STEPS - 1)
     total = 0.0
@@ -356,11 +357,9 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
         _walk(m, robot, goal, late, stretch, np.int64(0), room.robot, np.int64(count))
         room.candidates[count] = c
         count += 1
-    if every and s.ghosts.shape[1] > 1:
-        for k in range(s.ghosts.shape[1]):
-            _meet_ghost(s, level, i, np.int64(k), room, np.int64(count), result)
-    else:
-        _meet_ghost(s, level, i, np.int64(-1), room, np.int64(count), result)
+    ghosts = s.ghosts.shape[1]
+    for k in range(ghosts) if every and ghosts > 1 else range(-1, 0):
+        _meet_ghost(s, level, i, np.int64(k), room, np.int64(count), result)
 
 
 @kernel
