@@ -98,27 +98,26 @@ class _Place(NamedTuple):
 
 
 class _Paths(NamedTuple):
-    """Positions of W walkers at the instants, in cells."""
+    """Positions of walkers at the instants, in cells."""
 
-    x: Any  # (STEPS + _SPARE, W) float32
+    x: Any  # float32
     y: Any
 
 
 class _Room(NamedTuple):
     """Scratch memory of :func:`meet`."""
 
-    ghost: Any  # _Paths of a ghost
+    ghost: Any  # _Paths (STEPS + _SPARE, W) of a ghost
     weights: Any  # (W,) of the ghost's paths
-    robot: Any  # _Paths of the robot
+    robot: Any  # _Paths (C, STEPS + _SPARE) of the robot
     candidates: Any  # (C,) to which the robot's paths lead
     nearest: Any  # (W,) smallest squared distance to each of the ghost's paths
     early: Any  # (W,) the same within ``SOON_S``
 
 
 @kernel
-def _paths(count):  # type: ignore[no-untyped-def]
-    size = STEPS + _SPARE, count
-    return _Paths(np.zeros(size, np.float32), np.zeros(size, np.float32))
+def _paths(rows, columns):  # type: ignore[no-untyped-def]
+    return _Paths(np.zeros((rows, columns), np.float32), np.zeros((rows, columns), np.float32))
 
 
 @kernel
@@ -126,7 +125,10 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
     """Return the scratch memory of :func:`meet` for at most ``goals`` goals."""
     width = goals + _ROW
     rows = np.empty((3, width), np.float32)
-    return _Room(_paths(width), rows[0], _paths(candidates), np.empty(candidates, np.int64), rows[1], rows[2])
+    instants = STEPS + _SPARE
+    return _Room(
+        _paths(instants, width), rows[0], _paths(candidates, instants), np.empty(candidates, np.int64), rows[1], rows[2]
+    )
 
 
 @kernel
@@ -153,8 +155,8 @@ def _turned(affine, x, y):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _walk(m, place, goal, late, stretch, goals, paths, w):  # type: ignore[no-untyped-def]
-    """Simulate walker ``w`` on the shortest path from a place to a goal, and write its position at every instant.
+def _walk(m, place, goal, late, stretch, goals, xs, ys):  # type: ignore[no-untyped-def]
+    """Simulate a walk on the shortest path from a place to a goal, and write its positions at the instants.
 
     It walks ``stretch`` cells per instant, after the time in which it would walk ``late`` cells. With ``goals`` above
     1, it continues to another goal when it has arrived.
@@ -163,7 +165,7 @@ def _walk(m, place, goal, late, stretch, goals, paths, w):  # type: ignore[no-un
     per_cell = 1.0 / max(stretch, 1e-9)
     first = STEPS if late >= STEPS * stretch else int(late / stretch)  # next instant
     for j in range(first):
-        paths.x[j, w], paths.y[j, w] = x, y
+        xs[j], ys[j] = x, y
     walked = late
     while first < STEPS:
         code = m.steps[row, column, goal]
@@ -182,16 +184,16 @@ def _walk(m, place, goal, late, stretch, goals, paths, w):  # type: ignore[no-un
         share, more = ((first + 1) * stretch - walked) * per_length, stretch * per_length
         for j in range(_SPARE):  # positions after the end of the coarse step are overwritten later
             part = min(max(share + j * more, 0.0), 1.0)
-            paths.x[first + j, w], paths.y[first + j, w] = x + dx * part, y + dy * part
+            xs[first + j], ys[first + j] = x + dx * part, y + dy * part
         walked += length
         last = min(int(walked * per_cell), STEPS)
         for j in range(_SPARE, last - first):
             part = min(max(share + j * more, 0.0), 1.0)
-            paths.x[first + j, w], paths.y[first + j, w] = x + dx * part, y + dy * part
+            xs[first + j], ys[first + j] = x + dx * part, y + dy * part
         first = max(last, first)
         x, y = column + 0.5, row + 0.5
     for j in range(first, STEPS):
-        paths.x[j, w], paths.y[j, w] = x, y
+        xs[j], ys[j] = x, y
 
 
 @kernel
@@ -204,7 +206,7 @@ def _ghost_paths(m, place, velocity, stretch, goals, room):  # type: ignore[no-u
     used, ghost, weights = 0, room.ghost, room.weights
     for goal in range(goals):
         if m.steps[place.row, place.column, goal] != NO_WAY:
-            _walk(m, place, np.int64(goal), 0.0, stretch, np.int64(goals), ghost, np.int64(used))
+            _walk(m, place, np.int64(goal), 0.0, stretch, np.int64(goals), ghost.x[:, used], ghost.y[:, used])
             used += 1
     for j in range(STEPS):
         ghost.x[j, used], ghost.y[j, used] = place.x, place.y
@@ -259,7 +261,7 @@ def _lower(room, r, first, nearest):  # type: ignore[no-untyped-def]
     for k in range(len(nearest)):
         least = nearest[k]
         for j in range(first, first + _BLOCK):
-            dx, dy = ghost.x[j, k] - robot.x[j, r], ghost.y[j, k] - robot.y[j, r]
+            dx, dy = ghost.x[j, k] - robot.x[r, j], ghost.y[j, k] - robot.y[r, j]
             square = dx * dx + dy * dy
             least = square if square < least else least
         nearest[k] = least
@@ -354,7 +356,7 @@ def meet(s, level, i, wanted, request, room, every, result):  # type: ignore[no-
             if off >= 0.0:
                 result[c, START_S] = start_s(off, s.robot_velocity[i, 0] / speed, request)
             late = result[c, START_S] * speed * m.cells_per_m
-        _walk(m, robot, goal, late, stretch, np.int64(0), room.robot, np.int64(count))
+        _walk(m, robot, goal, late, stretch, np.int64(0), room.robot.x[count], room.robot.y[count])
         room.candidates[count] = c
         count += 1
     ghosts = s.ghosts.shape[1]

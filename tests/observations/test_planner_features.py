@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.game.behaviour_belief import CHASES
 from pacman_env.observations.planner_features import (
     CANDIDATE_FEATURES,
     GLOBAL_FEATURES,
@@ -107,6 +108,20 @@ def test_features_do_not_depend_on_selected_candidates() -> None:
     situation.threads.run(fill, tables, len(some))
     assert same.tobytes() == whole.tobytes()
     assert some.tobytes() == np.where(wanted[:, :, None], every, np.float32(0)).tobytes()
+
+
+def test_stage_runs_once_when_ghosts_approach() -> None:
+    batch = new_batch(make_config(), 2, "maze")
+    situation = situation_of(batch)
+    belief = np.zeros_like(situation.belief)
+    belief[:, :, CHASES] = 1.0
+    hunted = replace(situation, belief=belief)
+    games, slots = hunted.mask.shape
+    candidates = np.zeros((games, slots, len(CANDIDATE_FEATURES)), np.float32)
+    whole = np.zeros((games, len(GLOBAL_FEATURES)), np.float32)
+    job, tables = planner_stage(hunted, SPEED, np.ascontiguousarray(hunted.mask), candidates, whole)
+    assert hunted.threads.run(job, tables, games) == 0
+    assert (column(candidates, "hunted")[hunted.mask] == 1.0).all()
 
 
 # Candidates in the order of their paths

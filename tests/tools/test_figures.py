@@ -73,7 +73,13 @@ def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.Capture
 
 
 def test_figure_of_earlier_ids_waits_and_says_so() -> None:
-    record = {"version": "1.2.3", "commit": "0123abcd", "date": "2026-01-02", "machine": "2 x Test", "inputs": {"a": "1"}}
+    record = {
+        "version": "1.2.3",
+        "commit": "0123abcd",
+        "date": "2026-01-02",
+        "machine": "2 x Test",
+        "inputs": {"a": "1"},
+    }
     assert [name for name, _ in stale({"old": record}, {"a": "2"})] == ["old"]
     marked = {"old": {**record, "of_ids": "-v1"}}
     assert list(stale(marked, {"a": "2"})) == []

@@ -260,9 +260,8 @@ def build_grid(
         wide = f"wide enough for a robot of {robot.inscribed_radius_m} m"
         rule = f"brighter than pellets.free_grey = {pellets.free_grey}"
         raise MapError(f"{occupancy.name}: no free place {wide}; free is {rule}")
-    to_cell, _ = _affine(occupancy, -_MARGIN, -_MARGIN)
     hx, hy, heading = (0.0, 0.0, 0.0) if home is None else home
-    column, row = _apply(to_cell, hx, hy)
+    column, row = _apply(_affine(occupancy, -_MARGIN, -_MARGIN)[0], hx, hy)
     wished = (math.floor(column) - c0, math.floor(row) - r0)
     labels, areas = connected_parts(drivable)
     home_cell = _home_cell(labels, areas, clearance, wished, any_part=home is not None)
@@ -270,8 +269,7 @@ def build_grid(
         raise MapError(f"{occupancy.name}: the robot cannot stand at the home pose ({hx}, {hy})")
     main = labels == labels[home_cell[1], home_cell[0]]
     top, bottom, left, right = _frame(main, keep)
-    window = np.s_[top:bottom, left:right]
-    free, main, clearance = (np.ascontiguousarray(picture[window]) for picture in (free, main, clearance))
+    free, main, clearance = (np.ascontiguousarray(one[top:bottom, left:right]) for one in (free, main, clearance))
     r0, c0 = r0 + top, c0 + left
     # Only build walls around the area that the robot's disc can cover from the main part.
     cell = cv2.findNonZero(main.view(np.uint8)).reshape(-1, 2)
