@@ -14,6 +14,7 @@ from ..engine.pipeline import Stage
 from ..plugins import Registry
 from ..sim.batch import GameBatch
 from ..world.navigation import lidar
+from .learner_layout import MISSING, NearestCounts, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, MOST, maps_changed, planner_stage
 from .raster import CHANNELS, FRIGHTENED, PRESENT, Lengths, ShownGhosts, ShownPellets, raster_all, scan_all
 from .robot_features import (
@@ -29,7 +30,7 @@ from .robot_features import (
     pellet_bearings,
     power_stage,
 )
-from .situation import MISSING, NearestCounts, Situation, nearest_candidates
+from .situation import Situation
 
 _BELIEF_MARGIN_M = 2.0  # a believed pose lies at most this far outside the playable area ...
 _BELIEF_MARGIN_SIGMAS = 9  # ... or this many standard deviations: a draw with 53 bits is at most 8.6 away

@@ -16,9 +16,19 @@ from ..plugins import PluginError
 from ..sim.batch import GameBatch
 from ..sim.ticks import candidates_of
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
-from .learner_layout import BETWEEN_BOUNDS, BY_UNIT, NOT, PART, CandidateArrays, RowArrays, list_candidates, write_rows
+from .learner_layout import (
+    BETWEEN_BOUNDS,
+    BY_UNIT,
+    MISSING,
+    NOT,
+    PART,
+    CandidateArrays,
+    NearestCounts,
+    RowArrays,
+    list_candidates,
+    write_rows,
+)
 from .robot_features import Observation, unit_scale
-from .situation import MISSING, NearestCounts
 from .situation_writer import new_situation, situation_stage
 
 

@@ -16,19 +16,8 @@ from ..engine.pipeline import Stage
 from ..levels.level import level_arrays
 from ..world.navigation.grid import cell_of
 from ..world.navigation.paths import AT_GOAL, NO_STEP
-from .situation import (
-    AWAY_S,
-    FRIGHTENED_S,
-    HOLD,
-    MISSING,
-    PELLET,
-    REFUGE,
-    NearestCounts,
-    Situation,
-    maps_of,
-    nearest_candidates,
-    situation_arrays,
-)
+from .learner_layout import MISSING, NearestCounts, nearest_candidates
+from .situation import AWAY_S, FRIGHTENED_S, HOLD, PELLET, REFUGE, Situation, maps_of, situation_arrays
 
 FAR_M = 100.0  # cap of all lengths
 FAST_MPS = 5.0  # cap of all speeds

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.arrays import Array, Table, arrays_by_address, zeros
-from ..engine.jit import kernel
 from ..engine.threads import ALONE, Threads
 from ..game.behaviour_belief import BELIEVED
 
@@ -144,80 +143,3 @@ def maps_of(situation: Situation) -> LevelSlots:
     if situation.maps is None:
         raise ValueError("the situation has no maps to plan on")
     return situation.maps
-
-
-MISSING = -1  # in place of a candidate's number if there are too few candidates
-
-
-@dataclass(frozen=True)
-class NearestCounts:
-    """Numbers of listed pellets and refuges; hold is always listed."""
-
-    pellets: int
-    refuges: int
-
-    @property
-    def count(self) -> int:
-        return self.pellets + self.refuges + 1
-
-
-def nearest_candidates(situation: Situation, nearest: NearestCounts) -> NDArray[np.int64]:
-    """Return the allowed candidates (N, ``nearest.count``), sorted by the robot's path length.
-
-    Equally near candidates are sorted by number. The current candidate is always listed, if necessary as the last of
-    its kind. Places without a candidate are ``MISSING``.
-    """
-    order = np.empty((len(situation), nearest.count), dtype=np.int64)
-    _list(
-        situation.kind, situation.mask, situation.path_robot, situation.current, nearest.pellets, nearest.refuges, order
-    )
-    return order
-
-
-@kernel
-def _list(kind, mask, path, current, pellets, refuges, order):  # type: ignore[no-untyped-def]
-    """Call :func:`list_nearest` for each situation: write ``order`` (N, K)."""
-    for i in range(len(kind)):
-        list_nearest(kind[i], mask[i], path[i], current[i], pellets, refuges, order[i])
-
-
-@kernel
-def insert_nearest(order, first, room, number, length):  # type: ignore[no-untyped-def]
-    """Insert ``number`` into ``order[first : first + room]``, which is sorted by ``length[number]``.
-
-    ``MISSING`` marks free places at the end; if there is none, the number with the largest length is dropped.
-    """
-    place = room
-    while place > 0:
-        other = order[first + place - 1]
-        if other != MISSING and length[other] <= length[number]:
-            break
-        place -= 1
-    for k in range(room - 1, place, -1):
-        order[first + k] = order[first + k - 1]
-    if place < room:
-        order[first + place] = number
-
-
-@kernel
-def list_nearest(kind, mask, path, now, pellets, refuges, order):  # type: ignore[no-untyped-def]
-    """Write the list ``order`` (K,) of one situation; ``now`` is the current candidate (-1: none).
-
-    At most ``pellets`` pellets and ``refuges`` refuges are listed; ``kind``, ``mask`` and ``path`` are (C,).
-    """
-    order[:] = MISSING
-    for c in range(len(kind)):
-        if kind[c] == HOLD:
-            order[pellets + refuges] = c
-            continue
-        if not mask[c]:
-            continue
-        first, room = (0, pellets) if kind[c] == PELLET else (pellets, refuges)
-        insert_nearest(order, first, room, c, path)
-    if now >= 0 and mask[now] and kind[now] != HOLD:
-        first, room = (0, pellets) if kind[now] == PELLET else (pellets, refuges)
-        listed = False
-        for k in range(room):
-            listed |= order[first + k] == now
-        if not listed and room > 0:
-            order[first + room - 1] = now

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.observations.learner_layout import MISSING, NearestCounts, nearest_candidates
 from pacman_env.observations.robot_features import (
     FAR_M,
     FAST_MPS,
@@ -14,7 +15,7 @@ from pacman_env.observations.robot_features import (
     ghost_bearings,
     pellet_bearings,
 )
-from pacman_env.observations.situation import MISSING, NearestCounts, Situation, nearest_candidates
+from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.sim.batch import GameBatch
 from pacman_env.world.maps.occupancy import OccupancyMap

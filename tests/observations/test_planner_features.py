@@ -7,21 +7,14 @@ import pytest
 
 from pacman_env.config import make_config
 from pacman_env.game.behaviour_belief import CHASES
+from pacman_env.observations.learner_layout import MISSING, NearestCounts, nearest_candidates
 from pacman_env.observations.planner_features import (
     CANDIDATE_FEATURES,
     GLOBAL_FEATURES,
     planner_features,
     planner_stage,
 )
-from pacman_env.observations.situation import (
-    HOLD,
-    MISSING,
-    PELLET,
-    REFUGE,
-    NearestCounts,
-    Situation,
-    nearest_candidates,
-)
+from pacman_env.observations.situation import HOLD, PELLET, REFUGE, Situation
 from pacman_env.observations.situation_writer import situation_of
 from tests.observations.test_prediction import SPEED, batch_of
 from tests.sim.players import new_batch, played

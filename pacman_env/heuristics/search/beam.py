@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import kernel
-from ...observations.situation import insert_nearest
+from ...observations.learner_layout import insert_nearest
 from ...sim.coarse_model import GHOST, NOWHERE, ROBOT, copy_ghosts, lead_m, play
 
 NODE = np.dtype(

@@ -10,7 +10,8 @@ from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import BELIEVED, taken_for
 from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
 from pacman_env.observations.coarse_start import CoarseStart, draw_futures, start
-from pacman_env.observations.situation import NearestCounts, Situation, nearest_candidates
+from pacman_env.observations.learner_layout import NearestCounts, nearest_candidates
+from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy, Policy, require_numbers
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.coarse_model import Behaviours, Lags
