@@ -28,32 +28,49 @@ def add_warm_up(commands: Any) -> None:
     parser.add_argument("--robot", action="store_true", help="also compile kernels of the ROS nodes; needs no ROS")
     houses = "also prepare the first N training houses and the first N of the 200 test houses"
     parser.add_argument("--houses", type=whole_number(0), default=0, metavar="N", help=houses)
-    parser.set_defaults(run=lambda arguments: _report(arguments.robot, arguments.houses))
+    parser.add_argument("--verbose", action="store_true", help="also print the kernels that took longest to compile")
+    parser.set_defaults(run=lambda arguments: _report(arguments.robot, arguments.houses, arguments.verbose))
 
 
-def _report(robot: bool, houses: int) -> int:
-    from pacman_env.engine.cache_folder import cache_dir, check_kept, kernel_folder, mark
+def _report(robot: bool, houses: int, verbose: bool) -> int:
+    from numba.core.event import install_listener
+
+    from pacman_env.cli.compile_times import CompileTimes
+    from pacman_env.engine.cache_folder import check_kept, kernel_folder, mark
     from pacman_env.engine.jit import require_compiler
 
     require_compiler()
-    for name, work in (PARTS | ROBOT_PARTS if robot else PARTS).items():
-        done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
-        if done is None:
-            rule = "set PACMAN_ENV_CACHE to a folder that can be written"
-            raise OSError(f"{cache_dir()}: cannot be written, so compiled code would be lost; {rule}")
-        if done.exists():
-            print(f"{name:<16} already compiled")
-            continue
-        began = time.monotonic()
-        work()
-        check_kept()
-        done.touch()
-        print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
+    parts, times = PARTS | ROBOT_PARTS if robot else PARTS, CompileTimes()
+    if verbose and (ahead := mark("compiled-ahead")) is not None:
+        ahead.touch()  # no other process compiles for this one
+    with install_listener("numba:compile", times):
+        for name, work in parts.items():
+            _compile(name, work)
+    if verbose:
+        print(times)
     print(f"cache folder: {kernel_folder()}")
     if houses:
         _prepare_houses(houses)
         check_kept()
     return 0
+
+
+def _compile(name: str, work: Callable[[], None]) -> None:
+    """Do a part of the work unless it is done, and print how long it took."""
+    from pacman_env.engine.cache_folder import cache_dir, check_kept, mark
+
+    done = mark(f"warm-up-{'-'.join(name.split())}-{_compiler()}")
+    if done is None:
+        rule = "set PACMAN_ENV_CACHE to a folder that can be written"
+        raise OSError(f"{cache_dir()}: cannot be written, so compiled code would be lost; {rule}")
+    if done.exists():
+        print(f"{name:<16} already compiled")
+        return
+    began = time.monotonic()
+    work()
+    check_kept()
+    done.touch()
+    print(f"{name:<16} {time.monotonic() - began:6.1f} s", flush=True)
 
 
 def _prepare_houses(count: int) -> None:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import pytest
 
 from pacman_env.cli import warm_up
@@ -101,6 +102,23 @@ def test_warm_up_skips_finished_parts_and_unrequested_robot(
     assert done == ["one game", "policies", "robot"]
     out = capsys.readouterr().out
     assert out.count("already compiled") == 2
+
+
+def test_verbose_warm_up_lists_kernels_with_their_own_times(
+    done: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    inner = numba.njit(lambda x: x + 1)
+
+    @numba.njit
+    def outer(x: int) -> int:
+        return inner(x) * 2
+
+    monkeypatch.setattr(warm_up, "PARTS", {"two kernels": lambda: outer(1)})
+    assert main(["warm-up", "--verbose"]) == 0
+    _, *rows, total, _ = capsys.readouterr().out.splitlines()
+    assert {"outer", "<lambda>"} <= {row.split()[0].rpartition(".")[2] for row in rows}
+    seconds = [float(row.split()[-2]) for row in (*rows, total)]
+    assert seconds[-1] == pytest.approx(sum(seconds[:-1]), abs=0.15)
 
 
 def test_warm_up_repeats_after_compiler_change(
