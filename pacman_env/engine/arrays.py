@@ -71,17 +71,18 @@ def _flat(arrays: Iterable[Any]) -> list[NDArray[Any]]:
     return flat
 
 
-@functools.cache
-def _checks(kind: type[tuple[Any, ...]]) -> tuple[list[Any], dict[Any, int]]:
-    """Return name, dtype and axes of each array, and a dict of the numeric axes.
-
-    Axes of any length get unique names, because their lengths may differ.
-    """
-    checks = [
-        (name, dtype, tuple((name, k) if str(axis).islower() else axis for k, axis in enumerate(axes)))
-        for name, (dtype, axes) in declared(kind).items()
-    ]
-    return checks, {axis: axis for _, _, axes in checks for axis in axes if isinstance(axis, int)}
+@functools.lru_cache(maxsize=256)
+def _check(kind: type[tuple[Any, ...]], given: tuple[tuple[np.dtype[Any], tuple[int, ...], bool], ...]) -> None:
+    """Raise TypeError unless the dtypes, shapes and C-contiguity ``given`` for each array are as declared."""
+    lengths: dict[Any, int] = {}
+    for (name, (dtype, axes)), (own, shape, contiguous) in zip(declared(kind).items(), given, strict=True):
+        # Axes of any length get unique names, because their lengths may differ.
+        keys = [(name, k) if str(axis).islower() else axis for k, axis in enumerate(axes)]
+        lengths.update({axis: axis for axis in axes if isinstance(axis, int)})
+        fits = len(shape) == len(keys) and tuple(map(lengths.setdefault, keys, shape)) == shape
+        if not fits or own != dtype or not contiguous:
+            expected = f"{dtype} of shape ({', '.join(map(str, axes))}), C-contiguous"
+            raise TypeError(f"{kind.__name__}.{name}: must be {expected}, not {own} of shape {shape}")
 
 
 class Table:
@@ -96,16 +97,13 @@ class Table:
             missing, unknown = sorted(set(fields) - arrays.keys()), sorted(arrays.keys() - set(fields))
             raise TypeError(f"{kind.__name__}: missing arrays {missing}, unknown arrays {unknown}")
         self.__dict__["arrays"] = arrays
+        flat = [arrays[name] for name in fields]
+        if len(declared(kind)) > len(fields):  # with nested tuples
+            flat = _flat(flat)
+        _check(kind, tuple([(array.dtype, array.shape, array.flags.c_contiguous) for array in flat]))
         numbers: list[int] = []
-        checks, fixed = _checks(kind)
-        lengths = dict(fixed)
-        for (name, dtype, axes), array in zip(checks, _flat([arrays[name] for name in fields]), strict=True):
-            shape = array.shape
-            fits = len(shape) == len(axes) and tuple(map(lengths.setdefault, axes, shape)) == shape
-            if not fits or array.dtype != dtype or not array.flags.c_contiguous:
-                expected = f"{dtype} of shape ({', '.join(map(str, declared(kind)[name].axes))}), C-contiguous"
-                raise TypeError(f"{kind.__name__}.{name}: must be {expected}, not {array.dtype} of shape {shape}")
-            numbers += [address(array), *shape]
+        for array in flat:
+            numbers += [array.__array_interface__["data"][0], *array.shape]
         self.numbers = np.array(numbers, dtype=np.int64)
         self.address = address(self.numbers)
 

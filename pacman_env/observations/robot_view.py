@@ -88,7 +88,8 @@ class RobotView:
         self._seen_s: float | None = None
         self._power = self._levels.level(0).arrays["power"][: assets.pellets]
         self.goals.power[: assets.pellets] = self._power  # until reports say otherwise
-        self._request = np.zeros(1, dtype=REQUEST)
+        self._written = Situation.empty(1, self.hold + 1, count, self._levels)
+        self._request = np.array([(self._written.table.address, -1)], dtype=REQUEST)
         self._view_table = Table(
             ViewArrays,
             rules=kernels.RuleArrays(
@@ -205,9 +206,9 @@ class RobotView:
         self._waits[:] = 0
         self._waits[0, list(seen.masked)] = g["step"] + 1
         self._watch_distance(seen)
-        situation = Situation.empty(1, self.hold + 1, len(self._stamp_ns), self._levels)
-        self._request[0] = situation.table.address, player
+        self._request["player"] = player
         write_situations(self._view_table.address, 0, 1)
+        situation = self._written.copy()
         situation.time_s[0] = seen.time_s
         situation.robot_velocity[0] = seen.velocity
         situation.pose_age_s[0] = seen.pose_age_s

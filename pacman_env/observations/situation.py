@@ -12,7 +12,9 @@ to wander.
 from __future__ import annotations
 
 import functools
+import operator
 from collections import namedtuple
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
 
@@ -90,7 +92,7 @@ class Situation:
     @functools.cached_property
     def table(self) -> Table:
         """Addresses of the arrays for kernels, see ``situation_arrays``."""
-        return Table(SituationArrays, **{name: np.ascontiguousarray(getattr(self, name)) for name in _NAMES})
+        return Table(SituationArrays, **dict(zip(_NAMES, map(np.ascontiguousarray, self.arrays()), strict=True)))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the table, because the arrays of a copy have other addresses."""
@@ -98,16 +100,16 @@ class Situation:
 
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays in the order of the fields."""
-        return tuple(getattr(self, name) for name in _NAMES)
+        return _values(self)
 
     def rows(self, index: slice | NDArray[np.int64]) -> Situation:
         """Return the situations at ``index`` (M,), or in a slice, as a smaller batch."""
-        arrays = {name: getattr(self, name)[index] for name in _NAMES}
+        arrays = {name: array[index] for name, array in zip(_NAMES, self.arrays(), strict=True)}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
     def copy(self) -> Situation:
         """Return a copy with its own arrays."""
-        arrays = {name: getattr(self, name).copy() for name in _NAMES}
+        arrays = {name: array.copy() for name, array in zip(_NAMES, self.arrays(), strict=True)}
         return Situation(**arrays, maps=self.maps, threads=self.threads)
 
     @classmethod
@@ -134,6 +136,7 @@ def _scalar(hint: Any) -> Any:
 #: The arrays of a situation for kernels.
 SituationArrays: Any = namedtuple("SituationArrays", _declared(), defaults=_declared().values())  # type: ignore[misc]
 _NAMES: tuple[str, ...] = SituationArrays._fields
+_values: Callable[[Any], tuple[NDArray[Any], ...]] = operator.attrgetter(*_NAMES)
 #: Returns the arrays of a :attr:`Situation.table` by its address.
 situation_arrays = arrays_by_address(SituationArrays)
 

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 
 from pacman_env.config import RandomizeConfig, make_config
+from pacman_env.levels.draws import draw_below
 from pacman_env.rng import LEVEL, LIDAR
-from pacman_env.sim.parameters import draw_below, draw_episodes, drawn_values, next_seeds
+from pacman_env.sim.parameters import draw_episodes, drawn_values, next_seeds
 
 SEEDS = np.arange(2000, dtype=np.uint64) * np.uint64(0x1234567)
 #: The range of each field that can be drawn, and the fixed value that it stands for.

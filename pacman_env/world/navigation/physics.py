@@ -192,10 +192,11 @@ class Contacts:
 
 
 def _free(space: Any, body: Any, shapes: list[Any]) -> None:
+    """Free Chipmunk's objects: first the space, which still changes the body that it contains."""
+    lib.cpSpaceFree(space)
+    lib.cpBodyFree(body)
     for shape in shapes:
         lib.cpShapeFree(shape)
-    lib.cpBodyFree(body)
-    lib.cpSpaceFree(space)
 
 
 def _address(pointer: Any) -> int:

@@ -1,4 +1,5 @@
 import math
+import os
 import platform
 import subprocess
 import sys
@@ -222,6 +223,16 @@ def test_no_more_walls_are_copied_than_fit() -> None:
     np.testing.assert_array_equal(copies[0], WALLS[0])
 
 
+#: Frees many spaces after a contact in each.
+FREED_CONTACTS = """
+import numpy as np
+from tests.world.navigation.test_physics import ROBOT, Robots
+for _ in range(200):
+    robots = Robots((-2 + ROBOT.radius_m - 0.001, -1.0))
+    robots.push((1.0, 0.0))
+    del robots
+print("freed")
+"""
 #: A kernel of a script keeps the script's globals until pymunk's modules have been cleared.
 GLOBAL_CONTACTS = """
 import pacman_env
@@ -232,6 +243,15 @@ kernel(1)
 contacts = [Contacts(radius_m=0.17, mass_kg=1.0, step_s=0.05) for _ in range(4)]
 print(len(contacts))
 """
+
+
+def test_freed_contacts_leave_memory_intact() -> None:
+    root = Path(__file__).resolve().parents[3]
+    environment = {**os.environ, "MALLOC_PERTURB_": "165", "MALLOC_CHECK_": "3"}  # glibc fills and checks freed memory
+    done = subprocess.run(
+        [sys.executable, "-c", FREED_CONTACTS], cwd=root, env=environment, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout) == (0, "freed\n"), done.stderr
 
 
 def test_contacts_in_globals_end_silently_with_the_interpreter() -> None:
