@@ -102,7 +102,7 @@ class Table:
             flat = _flat(flat)
         _check(kind, tuple([(array.dtype, array.shape, array.flags.c_contiguous) for array in flat]))
         numbers: list[int] = []
-        for array in flat:
+        for array in flat:  # like ``address``, without a call for each array: a robot does this at each decision
             numbers += [array.__array_interface__["data"][0], *array.shape]
         self.numbers = np.array(numbers, dtype=np.int64)
         self.address = address(self.numbers)

@@ -1,7 +1,7 @@
 """Predict the outcome of driving to each candidate if ghosts react to the robot as they are believed to do.
 
 For each candidate the coarse model is played. The robot drives there while the ghosts that are believed to approach it
-react, then on to the nearest other goals. Wandering ghosts are left out; see ``observation/prediction.py`` for them.
+react, then on to the nearest other goals. Wandering ghosts are left out; see ``prediction.py`` for them.
 """
 
 import math

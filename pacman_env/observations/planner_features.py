@@ -1,7 +1,7 @@
 """Compute the features of a learned planner, scaled to about one; unreachable is far, and masked rows are 0.
 
 The features of a candidate describe path lengths of robot and ghosts, possible encounters with wandering ghosts on the
-way (``prediction.py``), and the outcome if the ghosts approach as believed (``coarse/outlook.py``).
+way (``prediction.py``), and the outcome if the ghosts approach as believed (``outlook.py``).
 
 Networks read columns by name, so that new columns do not matter to older networks. ``VERSION`` changes with the meaning
 of any column: a network must not be run on columns of another version.

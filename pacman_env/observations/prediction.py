@@ -117,6 +117,7 @@ class _Room(NamedTuple):
 
 @kernel
 def _paths(rows, columns):  # type: ignore[no-untyped-def]
+    """Return ``_Paths`` of zeros of the shape (``rows``, ``columns``)."""
     return _Paths(np.zeros((rows, columns), np.float32), np.zeros((rows, columns), np.float32))
 
 
@@ -133,6 +134,7 @@ def room_to_meet(goals, candidates):  # type: ignore[no-untyped-def]
 
 @kernel
 def _map_of(level):  # type: ignore[no-untyped-def]
+    """Return the ``_Map`` of a level, which must have its prediction arrays."""
     steps = prediction_arrays(level.later[PREDICTION]).coarse_steps
     return _Map(steps, level.affine, math.sqrt(level.affine[0] ** 2 + level.affine[3] ** 2))
 

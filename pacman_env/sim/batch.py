@@ -167,7 +167,7 @@ class GameBatch(GameState):
             actions: (N,) int64 candidates (a forbidden one makes the robot hold), or with velocity actions (N, 2)
                 float64, v in m/s and omega in rad/s.
             ghost_choices: (N, G) for ghosts that a policy controls: int64 candidates to go to (the last one: wander),
-                or records of type ``ghosts.GHOST_CHOICE``. None: all wander.
+                or records of type ``ghost_state.GHOST_CHOICE``. None: all wander.
             played: (N,) mask of the games to step; None: all. The other games keep the results of their last tick.
 
         Raises ValueError, without any change, for an invalid action or choice.

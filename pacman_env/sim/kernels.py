@@ -37,7 +37,7 @@ class RuleArrays(NamedTuple):
     aborts: Any = Array(np.int64, "N C")  # aborts of each goal in this round
     obstacles: Any = Array(np.float64, "N G 5")  # x, y, keep-out radius of each ghost, m; two times (game/power.py)
     parameters: Any = Array(PARAMETERS, "1")
-    levels: Any = Array(np.int64, "L")  # addresses of the level arrays (``maps/level.py``)
+    levels: Any = Array(np.int64, "L")  # addresses of the level arrays (``levels/level.py``)
 
 
 @kernel

@@ -35,7 +35,7 @@ def _check_finite(name: str, numbers: Sequence[float]) -> None:
 
 
 class RobotArrays(NamedTuple):
-    """What :func:`kernels.step_robot` reads and changes."""
+    """Group the arrays that :func:`kernels.step_robot` reads and changes."""
 
     games: NDArray[Any]  # (1,) of type ``GAME``
     paths: NDArray[np.float32]  # (1, PATH_POINTS, 2) m, plan that the controller follows

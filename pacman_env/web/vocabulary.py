@@ -1,4 +1,4 @@
-"""What a simulated game and a robot's game tell the page in the same way.
+"""Describe a game to the page in the words that simulated games and a robot's game share.
 
 The first message has names, colours, lights and sounds; a scene has places, ghosts and robot.
 """

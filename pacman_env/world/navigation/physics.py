@@ -162,7 +162,7 @@ class Contacts:
         circle = lib.cpCircleShapeNew(body, radius_m, (0.0, 0.0))
         still = lib.cpSpaceGetStaticBody(space)
         segments = [lib.cpSegmentShapeNew(still, (0.0, 0.0), (1.0, 0.0), 0.0) for _ in range(_MOST_TOUCHED)]
-        # Chipmunk's objects are not those of pymunk, whose destructors raise errors at interpreter exit.
+        # The objects are made without pymunk's classes, whose destructors raise errors at interpreter exit.
         weakref.finalize(self, _free, space, body, [circle, *segments]).atexit = False
         self._table = Table(
             ContactArrays,
