@@ -53,8 +53,6 @@ class Pipeline:
 
     def run(self, count: int) -> int:
         """Run the stages for the games 0 to ``count - 1`` and return the result of :meth:`Threads.run`."""
-        if self._threads.number == 1:
-            return run_stages(self._tables[0].address, 0, count)
         return self._threads.run(run_stages, self._tables, count)
 
     def run_some(self, index: NDArray[np.int64]) -> int:

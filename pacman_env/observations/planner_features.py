@@ -89,10 +89,11 @@ def planner_stage(
     Features of candidates outside the mask ``wanted`` (N, C) are 0. Call :func:`maps_changed` after games have moved to
     other maps.
     """
-    maps_changed(situation, situation.level)
-    seen = prediction.seen_arrays(situation, robot_speed_mps)
+    seen = prediction.seen_arrays(situation, robot_speed_mps)  # also prepares the maps for the prediction
     arrays = {"seen": seen, "wanted": wanted, "candidates": candidates, "whole": whole}
     maps = maps_of(situation)
+    for level in maps.levels(situation.level):
+        add_coarse_map(level)
     if maps not in _outlooks:
         _outlooks[maps] = outlook.Outlook(maps.config)
     memory = _outlooks[maps].memory(maps.most_goals, situation.ghosts.shape[1], situation.threads.number)

@@ -215,7 +215,8 @@ class GameBatch(GameState):
         self.completed_s.fill(0.0)
         self.begin_decisions(ALL_TICKS, played)
         self._ticks[forbidden & (self._ticks > 0)] = 1
-        self._control["ticks"][0] = ALL_TICKS if choose_for_ghosts is None else 1
+        if choose_for_ghosts is not None:
+            self._control["ticks"][0] = 1
         while self._ticks.any():
             if choose_for_ghosts is not None:
                 self._ghosts.send(choose_for_ghosts())
