@@ -1,21 +1,35 @@
-"""Base class of all environments: games, spec, action masks and pictures, whatever the interface."""
+"""Base class of all environments: games, spec, action masks, snapshots and pictures, whatever the interface."""
 
+import copy
 import functools
 import os
+import reprlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._version import __version__
 from ..config import Config, ConfigError
+from ..config.composition import differences
+from ..levels.level_source import FixedMap
 from ..observations.situation import Situation
 from ..sim.batch import GameBatch
 from .arguments import EnvArguments, check_render_mode
 from .game_runner import GameRunner
-from .guard import Guarded, shared
+from .guard import Guarded, exclusive, shared
 
 _FIXED = ("observation_space", "action_space", "ghost_agents")  # settings of a reset must not change these
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EnvState:
+    """A snapshot of an environment, which can be pickled; its contents are private."""
+
+    made_by: dict[str, Any]  # class, version and arguments, as plain data
+    content: tuple[dict[str, Any], ...]  # settings of the last reset, state of the runner, attributes
 
 
 class BaseEnv(Guarded):
@@ -25,11 +39,13 @@ class BaseEnv(Guarded):
     render_mode: str | None
     _runner: GameRunner
     _spec: Any = None
+    _own_state: tuple[str, ...]  # attributes that belong to a snapshot
 
     def _make_runner(self, n: int, arguments: EnvArguments, **more: Any) -> None:
         check_render_mode(arguments.render_mode, self.metadata["render_modes"])
         self._new_runner = functools.partial(GameRunner, n, arguments, **more)
         self._runner = self._new_runner()
+        self._base_config = self._runner.config  # without settings of resets
         self.render_mode = arguments.render_mode
 
     @property
@@ -67,6 +83,52 @@ class BaseEnv(Guarded):
             would = f"{', '.join(sorted(settings))} would change the spaces or agents"
             raise ConfigError(f"options['settings']: {would}; make an environment with them")
         return runner
+
+    @exclusive
+    def clone_state(self) -> EnvState:
+        """Return a snapshot of everything that decides how this environment continues, later episodes included.
+
+        It contains neither the generators of spaces nor the state of wrappers. Raises ResetNeeded before a reset.
+        """
+        self._runner.require_reset()
+        own = {name: getattr(self, name) for name in self._own_state}
+        return EnvState(self._made_by, (self._runner.settings, self._runner.state(), copy.deepcopy(own)))
+
+    @exclusive
+    def restore_state(self, state: EnvState) -> None:
+        """Continue like the environment that made the snapshot ``state``, bit for bit; a snapshot can be used again.
+
+        The next action refers to the last observation before the snapshot. It may come from another process, but from
+        the same class and version with the same arguments. Policies of ghosts are replaced by copies. Raises
+        ValueError, without any change, for another snapshot or value.
+        """
+        if not isinstance(state, EnvState):
+            raise ValueError(f"state = {reprlib.repr(state)}: must be a result of clone_state()")
+        differ = [
+            f"{name} = {a!r} instead of {b!r}" for name, (a, b) in differences(state.made_by, self._made_by).items()
+        ]
+        if differ:
+            raise ValueError(f"state: must be of an environment with the same arguments, has {', '.join(differ)}")
+        settings, games, own = state.content
+        runner = self._runner_with(settings)
+        runner.restore(games)
+        self._runner = runner
+        vars(self).update(copy.deepcopy(own))
+
+    @functools.cached_property
+    def _made_by(self) -> dict[str, Any]:
+        source, arguments = self.batch.source, self._new_runner.args[1]
+        fixed = source.first.occupancy if isinstance(source, FixedMap) else None
+        return {
+            "class": type(self).__name__,
+            "version": __version__,
+            "num_envs": self.batch.n,
+            "map": f"{fixed.name} {fixed.hash[:12]}" if fixed else str(arguments.map),
+            "ghosts": [type(policy).__name__ for policy in self._runner.ghost_policies.values()],
+            "max_episode_steps": self._new_runner.keywords.get("max_episode_steps"),
+            "autoreset_mode": str(getattr(self, "autoreset_mode", None)),
+            **self._base_config.as_dict(),
+        }
 
     @property
     @shared

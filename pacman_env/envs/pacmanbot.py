@@ -180,6 +180,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": RENDER_FPS}  # noqa: RUF012
     action_space: spaces.Discrete | spaces.Box
     observation_space: spaces.Dict | spaces.Box
+    _own_state = ("_np_random", "_np_random_seed")
     render, close = shared(Display.render), exclusive(Display.close)
 
     @takes_env_arguments

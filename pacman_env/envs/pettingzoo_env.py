@@ -55,6 +55,7 @@ class PacManBotParallelEnv(SeveralAgents, Display, ParallelEnv[str, dict[str, An
         "render_fps": RENDER_FPS,
         "is_parallelizable": True,
     }
+    _own_state = ("_generators", "_next", "agents")
     render, close = shared(Display.render), exclusive(Display.close)
 
     @takes_env_arguments

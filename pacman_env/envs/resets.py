@@ -72,6 +72,8 @@ class ResetOptions:
 class ManyGames(BaseEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
+    _own_state = ("_generators", "_next")
+
     def _make_generators(self) -> None:
         self._generators: list[np.random.Generator | None] = [None] * self.batch.n
         self._next: list[np.uint64 | None] = [None] * self.batch.n  # next seeds, drawn early to prepare levels

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..game.ends import RUNNING
 from ..game.reward import Rewards, TickCounts, reward
@@ -38,6 +39,11 @@ class StepRewards:
         self._steps[index] = 0
         self.cut[index] = False
         self._measure(situation)
+
+    @property
+    def counters(self) -> dict[str, NDArray[Any]]:
+        """Attributes (N,) on which the next rewards and ends depend."""
+        return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 
     def begin_step(self) -> None:
         """Remember which games are over: the next step has no shaping reward and no reward of ghosts in them."""

@@ -59,11 +59,14 @@ class LevelSlots:
         """Return the levels in ``slots`` (M,)."""
         return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
 
+    def numbered(self, number: int) -> Level:
+        return self.level(int((self.numbers == number).argmax()))
+
     def has(self, level: int) -> bool:
         return bool((self.numbers == level).any())
 
-    def take(self, level: int, prepare: Callable[[int], Level]) -> int:
-        """Reserve a slot with a level until :meth:`release`; ``prepare`` is called if no slot contains the level."""
+    def take(self, level: int, prepare: Callable[[int], Level], games: int = 1) -> int:
+        """Reserve a slot with a level until as many ``games`` call :meth:`release`; prepare a level without a slot."""
         self._clock += 1
         if self.has(level):
             slot = int((self.numbers == level).argmax())
@@ -71,7 +74,7 @@ class LevelSlots:
             free = np.flatnonzero(self._users == 0)
             slot = int(free[self._last_use[free].argmin()])
             self.put(slot, level, prepare(level))
-        self._users[slot] += 1
+        self._users[slot] += games
         self._last_use[slot] = self._clock
         return slot
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from ..levels.level_source import FixedMap, LevelSource
 from ..world.navigation.physics import Contacts
 from ..world.navigation.planner import detour_memory
 from . import kernels, ticks
-from .game_levels import GameLevels
+from .game_levels import GameLevels, Prepare
 from .ghost_state import spawn_ghost
 from .parameters import (
     GAME,
@@ -82,28 +82,45 @@ class GameBatch(GameState):
         return self._levels.assets_of(game)
 
     def level_numbers(self) -> NDArray[np.int64]:
-        """Return the level number of each game, (N,)."""
-        return self.levels.numbers[self.games["level"]]
+        """Return the level number of each game, (N,), -1 before its first round."""
+        slots = self._levels.slots
+        return np.where(slots < 0, -1, self.levels.numbers[slots])
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
         """Announce the seeds of the next episodes, so that other threads prepare their levels during play."""
         self._levels.expect(seeds)
 
     def __getstate__(self) -> dict[str, Any]:
-        levels = np.where(np.array(self._levels.slots) < 0, -1, self.level_numbers())
         made_from = self.source, self.config, self.n, self.threads.number
-        return {"made_from": made_from, "levels": levels, "state": {k: a.copy() for k, a in self.state().items()}}
+        return {"made_from": made_from, "games": self.read_games(np.arange(self.n))}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(*state["made_from"])  # type: ignore[misc]
-        begun = np.flatnonzero(state["levels"] >= 0)
-        if len(self.levels) > 1:
-            self._levels.change(begun, state["levels"][begun])
+        self.write_games(np.arange(self.n), state["games"])
+
+    def copy_games(self, source: NDArray[np.int64], target: NDArray[np.int64], batch: GameBatch | None = None) -> None:
+        """Copy the games ``source`` (M,) of ``batch`` (None: this one) to the different games ``target`` (M,).
+
+        A copy continues like its source, bit for bit. A source may occur several times, and in ``target``, too. The
+        other batch has the same level source, configuration and slots.
+        """
+        batch = self if batch is None else batch
+        self.write_games(target, batch.read_games(source), batch.levels.numbered)
+
+    def read_games(self, index: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+        """Return everything that decides how the games ``index`` (M,) continue: copies of arrays (M, ...) by name."""
+        rows = {name: array[index] for name, array in self.state().items()}
+        return {**rows, "level_numbers": self.level_numbers()[index]}
+
+    def write_games(self, index: NDArray[np.int64], rows: Mapping[str, NDArray[Any]], prepare: Prepare = None) -> None:
+        """Let the games ``index`` (M,) continue from ``rows``, a result of :meth:`read_games`.
+
+        ``prepare`` returns a level by number (None: the source does). Raises MapError, without any change, if it fails.
+        """
+        self._levels.change(index, rows["level_numbers"], prepare)
         for name, array in self.state().items():
-            array[...] = state["state"][name]
-        records = self.games[begun]
-        self._levels.enter(begun, records)  # the slots can be others
-        self.games[begun] = records
+            array[index] = rows[name]
+        self.games["level"][index] = np.maximum(self._levels.slots[index], 0)  # this batch has its own slots
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None
@@ -116,8 +133,7 @@ class GameBatch(GameState):
         index = np.asarray(index, dtype=np.int64)
         seeds = np.asarray(seeds, dtype=np.uint64)
         fresh = draw_episodes(seeds, self.config)
-        if len(self.levels) > 1:
-            self._levels.change(index, self.source.levels_of(seeds) if levels is None else levels)
+        self._levels.change(index, self.source.levels_of(seeds) if levels is None else levels)
         self._start(index, seeds, fresh)
 
     def _start(self, index: NDArray[np.int64], seeds: NDArray[np.uint64], fresh: NDArray[Any]) -> None:

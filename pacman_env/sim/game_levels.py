@@ -1,5 +1,6 @@
 """The level of each game of a batch; the next levels are prepared during play."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,14 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..engine.threads import Threads
 from ..levels.assets import MapAssets
+from ..levels.level import Level
 from ..levels.level_slots import LevelSlots
 from ..levels.level_source import LevelSource
 from ..levels.levels_ahead import LevelsAhead
 
 _MOST_AHEAD = 64  # levels, of about 4 MB each
-_NONE = -1  # instead of a slot, before the first round
+Prepare = Callable[[int], Level] | None
+_NONE = -1  # instead of a slot or level, before the first round
 
 
 class GameLevels:
@@ -22,7 +25,7 @@ class GameLevels:
         self.levels = LevelSlots(source.slots(n), source.most(config), config)
         if len(self.levels) == 1:
             self.levels.put(0, 0, source.prepare(0))
-        self.slots = [_NONE] * n
+        self.slots = np.full(n, _NONE, dtype=np.int64)  # of each game
         self._ahead: LevelsAhead | None = None
         self._threads = threads.number
 
@@ -40,24 +43,31 @@ class GameLevels:
         if self._ahead is not None:
             self._ahead.ask(levels)
 
-    def change(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
-        """Move the games ``index`` (M,) to ``levels`` (M,); a MapError changes nothing."""
-        missing = [level for level in dict.fromkeys(levels.tolist()) if not self.levels.has(level)]
-        if len(missing) > 1:
-            self._prepare_ahead(missing)
-        prepare = self.source.prepare if self._ahead is None else self._ahead.take
+    def change(self, index: NDArray[np.int64], levels: NDArray[np.int64], prepare: Prepare = None) -> None:
+        """Move the games ``index`` (M,) to ``levels`` (M,), -1 for none; a MapError changes nothing.
+
+        ``prepare`` returns levels that are in no slot (None: the source prepares them).
+        """
+        if len(self.levels) == 1:
+            self.slots[index] = np.minimum(levels, 0)
+            return
+        games = {level: index[levels == level] for level in dict.fromkeys(levels.tolist()) if level != _NONE}
+        missing = [level for level in games if not self.levels.has(level)]
+        if prepare is None:
+            if len(missing) > 1:
+                self._prepare_ahead(missing)
+            prepare = self.source.prepare if self._ahead is None else self._ahead.take
         prepared = {level: prepare(level) for level in missing}
-        for i in index.tolist():
-            if self.slots[i] != _NONE:
-                self.levels.release(self.slots[i])
-        for i, level in zip(index.tolist(), levels.tolist(), strict=True):
-            self.slots[i] = self.levels.take(level, lambda number: prepared.get(number) or self.source.prepare(number))
+        for slot in self.slots[index].tolist():
+            if slot != _NONE:
+                self.levels.release(slot)
+        self.slots[index] = _NONE
+        for level in sorted(games, key=prepared.__contains__):  # first reserve the slots that have their levels
+            self.slots[games[level]] = self.levels.take(level, prepared.__getitem__, len(games[level]))
 
     def enter(self, index: NDArray[np.int64], records: NDArray[Any]) -> None:
         """Write slot and size of the levels to the ``records`` (M,) of the games ``index`` (M,) that start a round."""
-        for k, i in enumerate(index.tolist()):
-            if self.slots[i] == _NONE:
-                self.slots[i] = 0
-            facts = self.levels.level(self.slots[i]).facts
-            records[k]["level"] = self.slots[i]
+        for k, slot in enumerate(self.slots[index].tolist()):
+            facts = self.levels.level(slot).facts
+            records[k]["level"] = slot
             records[k]["pellets"], records[k]["refuges"] = facts.pellets, facts.refuges

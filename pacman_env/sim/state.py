@@ -71,6 +71,6 @@ class GameState:
         return Moment(time_s, int(g["pursued"]), news, float(g["distance"]))
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return all arrays that a step reads and changes, by name; levels are by slot."""
+        """Return all arrays that a step reads and changes, by name, with a row for each game; levels are by slot."""
         ghosts = {f"ghost_{name}": getattr(self._ghosts, name) for name in ("state", "paths", "obstacles")}
-        return {**self.rules, **self.arrays, **ghosts, "completed_s": self.completed_s, "summary": self.summary}
+        return {**self.rules, **self.arrays, **ghosts, "completed_s": self.completed_s, "summary": self.summary.T}

@@ -1,3 +1,4 @@
+import copy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import pytest
 from pacman_env.config import Config, ConfigError, make_config
 from pacman_env.game.ends import CAUGHT, RUNNING, TIMEOUT
 from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.levels.level_source import GeneratedMaps
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.sim.batch import GameBatch
 from tests.drawn import drawn
@@ -65,6 +67,54 @@ def test_game_of_a_batch_is_the_game_alone(case: str) -> None:
                     decision,
                 )
     assert config.endless or max(together.rounds % np.uint64(1000)) > 1  # rounds began anew, each in its own game
+
+
+# Copies of games
+
+
+COPIED = ("ghosts", "levels", "levels, endless", "levels, arcade", "levels, velocities")
+
+
+@pytest.mark.parametrize("case", COPIED)
+def test_copied_games_continue_like_sources(case: str) -> None:
+    config, maps, _ = CASES[case]
+    players, others = (Players(config, numbers, maps, levels=40) for numbers in ([0, 1, 2], [3, 4, 5, 6]))
+    source, target = np.array([2, 0, 2]), np.array([0, 1, 3])
+    for decision in range(90):
+        if decision % 30 == 10:
+            others.batch.copy_games(source, target, players.batch)
+            for name in ("rounds", "chosen", "ghosts"):
+                getattr(others, name)[target] = getattr(players, name)[source]
+            for s, t in zip(source, target, strict=True):
+                others.rngs[t] = copy.deepcopy(players.rngs[s])
+        if decision >= 10:
+            for s, t in zip(source, target, strict=True):
+                assert differences(everything(players.batch, s), everything(others.batch, t)) == []
+        players.step()
+        others.step()
+    assert config.endless or max(players.rounds % np.uint64(1000)) > 1  # rounds have ended
+
+
+@pytest.mark.parametrize("case", ["ghosts", "levels, arcade"])
+def test_games_are_read_before_copies_overwrite_them(case: str) -> None:
+    config, maps, _ = CASES[case]
+    batch = Players(config, [0, 1, 2, 3], maps, levels=40).batch
+    before = [everything(batch, game) for game in range(4)]
+    batch.copy_games(np.array([1, 0, 0]), np.array([0, 1, 3]))
+    for game, source in enumerate((1, 0, 2, 0)):
+        assert differences(before[source], everything(batch, game)) == []
+
+
+def test_copy_of_unstarted_game_starts_like_source() -> None:
+    config = make_config("robot", **QUICK)
+    one, other = (GameBatch(GeneratedMaps(config, 0, 40), config, 2) for _ in range(2))
+    other.reset(np.arange(2), np.array([5, 6], dtype=np.uint64))
+    other.copy_games(np.array([0]), np.array([1]), one)
+    assert other.level_numbers()[1] == -1
+    for seed in range(7, 12):
+        for batch in (one, other):
+            batch.reset(np.array([1]), np.array([seed], dtype=np.uint64))
+        assert differences(everything(one, 1), everything(other, 1)) == []
 
 
 # Rules
