@@ -1,4 +1,4 @@
-"""Measure the cost of one decision: ``python -m benchmarks.decision``.
+"""Measure the cost of one decision, and of copies of games to plan it: ``python -m benchmarks.decision``.
 
 The policy plays one game, and each ``select`` is timed: features and network, without the simulator, one situation at a
 time, in one thread, as on a robot. The peak memory of the process includes the simulator. torch is not imported; the
@@ -24,6 +24,7 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.batch import GameBatch
 
 WARM_UP = 50  # decisions that do not count, for compilation and caches
+COPIES = 256  # games
 
 
 def peak_memory_mb() -> float:
@@ -56,6 +57,20 @@ def decision_times_ms(policy: Policy, assets: MapAssets, config: Config, decisio
     return times[WARM_UP:]
 
 
+def copy_time_ms(assets: MapAssets, config: Config, seed: int) -> float:
+    """Return the duration of one copy of a game to ``COPIES`` games of another batch, ms (median)."""
+    game, copies = GameBatch(assets, config, 1), GameBatch(assets, config, COPIES)
+    source, target = np.zeros(COPIES, np.int64), np.arange(COPIES)
+    game.reset(np.zeros(1, np.int64), np.array([seed], np.uint64))
+    times: list[float] = []
+    for _ in range(WARM_UP):
+        game.step(np.zeros(1, np.int64))
+        began = time.perf_counter_ns()
+        copies.copy_games(source, target, game)
+        times.append((time.perf_counter_ns() - began) / 1e6)
+    return float(np.median(times))
+
+
 def run(arguments: argparse.Namespace) -> dict[str, Any]:
     config = make_config("robot", **parse_settings(arguments.set))
     if wrong := [text for text in arguments.parameter if "=" not in text]:
@@ -81,11 +96,13 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         "longest_ms": max(times),
         "peak_memory_mb": peak_memory_mb(),
         "torch_imported": "torch" in sys.modules,
+        "copy_games_ms": copy_time_ms(assets, config, arguments.seed),  # after the memory was read
     }
     print("{policy} on {map}: {pellets} pellets, {candidates} candidates".format(**figures))
     text = "  one decision: median {p50_ms:.3f} ms, 99 % within {p99_ms:.3f} ms, longest {longest_ms:.3f} ms"
     print(text.format(**figures))
     print("  memory, simulator included: {peak_memory_mb:.0f} MB; torch imported: {torch_imported}".format(**figures))
+    print(f"  copy_games, {COPIES} games: {figures['copy_games_ms']:.2f} ms")
     return figures
 
 

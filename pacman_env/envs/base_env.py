@@ -29,7 +29,7 @@ class EnvState:
     """A snapshot of an environment, which can be pickled; its contents are private."""
 
     made_by: dict[str, Any]  # class, version and arguments, as plain data
-    content: tuple[dict[str, Any], ...]  # settings of the last reset, state of the runner, attributes
+    content: dict[str, Any]  # settings of the last reset, state of the runner, attributes of the environment
 
 
 class BaseEnv(Guarded):
@@ -92,15 +92,15 @@ class BaseEnv(Guarded):
         """
         self._runner.require_reset()
         own = {name: getattr(self, name) for name in self._own_state}
-        return EnvState(self._made_by, (self._runner.settings, self._runner.state(), copy.deepcopy(own)))
+        content = {"settings": self._runner.settings, "games": self._runner.state(), "own": copy.deepcopy(own)}
+        return EnvState(self._made_by, content)
 
     @exclusive
     def restore_state(self, state: EnvState) -> None:
-        """Continue like the environment that made the snapshot ``state``, bit for bit; a snapshot can be used again.
+        """Continue like the environment that made the snapshot ``state``, bit for bit; it can be used several times.
 
-        The next action refers to the last observation before the snapshot. It may come from another process, but from
-        the same class and version with the same arguments. Policies of ghosts are replaced by copies. Raises
-        ValueError, without any change, for another snapshot or value.
+        The next action refers to the last observation before the snapshot. Policies of ghosts are replaced by copies.
+        Raises ValueError, without any change, unless class, version and arguments of both environments are equal.
         """
         if not isinstance(state, EnvState):
             raise ValueError(f"state = {reprlib.repr(state)}: must be a result of clone_state()")
@@ -109,11 +109,10 @@ class BaseEnv(Guarded):
         ]
         if differ:
             raise ValueError(f"state: must be of an environment with the same arguments, has {', '.join(differ)}")
-        settings, games, own = state.content
-        runner = self._runner_with(settings)
-        runner.restore(games)
+        runner = self._runner_with(state.content["settings"])
+        runner.restore(state.content["games"])
         self._runner = runner
-        vars(self).update(copy.deepcopy(own))
+        vars(self).update(copy.deepcopy(state.content["own"]))
 
     @functools.cached_property
     def _made_by(self) -> dict[str, Any]:
@@ -124,7 +123,7 @@ class BaseEnv(Guarded):
             "version": __version__,
             "num_envs": self.batch.n,
             "map": f"{fixed.name} {fixed.hash[:12]}" if fixed else str(arguments.map),
-            "ghosts": [type(policy).__name__ for policy in self._runner.ghost_policies.values()],
+            "ghosts": [type(policy).__name__ for policy in self._runner.policies.values()],
             "max_episode_steps": self._new_runner.keywords.get("max_episode_steps"),
             "autoreset_mode": str(getattr(self, "autoreset_mode", None)),
             **self._base_config.as_dict(),

@@ -45,10 +45,10 @@ class GameRunner:
     ) -> None:
         compile_ahead.begin()
         self.settings = dict(settings or {})
-        config, self.ghost_policies = arguments.make_config(several=ghost_agents)
+        config, self.policies = arguments.make_config(several=ghost_agents)
         self.config = config = config.with_fields(**self.settings)
         behaviours = enumerate(config.clyde.ghosts)
-        self.ghost_agents = [k for k, name in behaviours if name == "policy" and k not in self.ghost_policies]
+        self.ghost_agents = [k for k, name in behaviours if name == "policy" and k not in self.policies]
         if self.ghost_agents and not ghost_agents:
             raise ConfigError(f"clyde.ghosts[{self.ghost_agents[0]}] = 'policy': give the policy object in ghosts")
         self.batch = GameBatch(arguments.make_source(config), config, n, num_threads)
@@ -69,7 +69,7 @@ class GameRunner:
         self.rewards = StepRewards(self.batch, bool(self.ghost_agents), max_episode_steps)
         self.begun = False  # True after the first reset
         self._by_event = config.decisions.when == "event"
-        self._by_python = bool(self.ghost_policies or self.ghost_agents or config.endless)
+        self._by_python = bool(self.policies or self.ghost_agents or config.endless)
         self._finishes = self.observer.by_python
         self._drives = config.action == "velocity"
         self._actions = np.zeros(n, dtype=np.int64)  # input of the choice stage
@@ -82,14 +82,14 @@ class GameRunner:
 
     def state(self) -> dict[str, Any]:
         """Return copies of everything that decides how the games continue."""
-        more = {"ghost_policies": self.ghost_policies, "counters": self.rewards.counters}
+        more = {"policies": self.policies, "counters": self.rewards.counters}
         return {"games": self.batch.read_games(np.arange(self.batch.n)), **copy.deepcopy(more)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continue from a ``state`` of a runner with the same arguments and settings, and observe."""
         every = np.arange(self.batch.n)
         self.batch.write_games(every, state["games"])
-        self.ghost_policies = copy.deepcopy(state["ghost_policies"])
+        self.policies = copy.deepcopy(state["policies"])
         vars(self.rewards).update(copy.deepcopy(state["counters"]))
         self._observe_maps(every)
         self._take_turns()
@@ -114,7 +114,7 @@ class GameRunner:
         """
         self.batch.reset(index, seeds, levels)
         self.batch.elapsed_s[index] = 0.0
-        for policy in self.ghost_policies.values():
+        for policy in self.policies.values():
             policy.reset(np.isin(np.arange(self.batch.n), index), self.config)
         self._observe_maps(index)
         if not in_step:
@@ -168,10 +168,8 @@ class GameRunner:
         agents = zip(self.ghost_observers.items(), ghost_actions, strict=True)
         sent = {number: _choices(observer, given) for (number, observer), given in agents}
         ask = None
-        if self.ghost_policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged
-            ask = functools.partial(
-                ghost_choices, self.batch, self.ghost_policies, sent, lambda one, seen: one.select(seen)
-            )
+        if self.policies or sent:  # unlike in commands, exceptions of a ghost's policy reach the caller unchanged
+            ask = functools.partial(ghost_choices, self.batch, self.policies, sent, lambda one, seen: one.select(seen))
         plays = ~self.rewards.cut if sent else None
         play_until_due(self.batch, choices, forbidden, ask, plays)
         self._take_turns()

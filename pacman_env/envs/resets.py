@@ -72,7 +72,7 @@ class ResetOptions:
 class ManyGames(BaseEnv):
     """An environment of N games, each with a generator that draws the seeds of its episodes."""
 
-    _own_state = ("_generators", "_next")
+    _own_state: tuple[str, ...] = ("_generators", "_next")
 
     def _make_generators(self) -> None:
         self._generators: list[np.random.Generator | None] = [None] * self.batch.n
@@ -130,7 +130,8 @@ class ManyGames(BaseEnv):
         Announce the seeds after these to the batch, so that it prepares their maps.
         """
         batch = self.batch
-        if request.round_seed is not None or len(batch.levels) == 1 or batch.threads.number == 1:
+        alone = batch.threads.number == 1 and not any(self._next)  # a restored state may contain seeds drawn early
+        if request.round_seed is not None or len(batch.levels) == 1 or alone:
             return request.seeds(index, self._generators)
         drawn = [self._next[i] for i in index.tolist()]
         fresh = iter(request.seeds(index[[seed is None for seed in drawn]], self._generators))

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..game.ends import RUNNING
 from ..game.reward import Rewards, TickCounts, reward
@@ -41,7 +40,7 @@ class StepRewards:
         self._measure(situation)
 
     @property
-    def counters(self) -> dict[str, NDArray[Any]]:
+    def counters(self) -> dict[str, Any]:
         """Attributes (N,) on which the next rewards and ends depend."""
         return {name: value for name, value in vars(self).items() if isinstance(value, np.ndarray)}
 

@@ -59,9 +59,6 @@ class LevelSlots:
         """Return the levels in ``slots`` (M,)."""
         return {self.level(slot) for slot in (range(1) if len(self) == 1 else set(slots.tolist()))}
 
-    def numbered(self, number: int) -> Level:
-        return self.level(int((self.numbers == number).argmax()))
-
     def has(self, level: int) -> bool:
         return bool((self.numbers == level).any())
 

@@ -19,7 +19,7 @@ from ..levels.level_source import FixedMap, LevelSource
 from ..world.navigation.physics import Contacts
 from ..world.navigation.planner import detour_memory
 from . import kernels, ticks
-from .game_levels import GameLevels, Prepare
+from .game_levels import GameLevels
 from .ghost_state import spawn_ghost
 from .parameters import (
     GAME,
@@ -82,9 +82,8 @@ class GameBatch(GameState):
         return self._levels.assets_of(game)
 
     def level_numbers(self) -> NDArray[np.int64]:
-        """Return the level number of each game, (N,), -1 before its first round."""
-        slots = self._levels.slots
-        return np.where(slots < 0, -1, self.levels.numbers[slots])
+        """Return the level number of each game, (N,)."""
+        return self.levels.numbers[self.games["level"]]
 
     def expect(self, seeds: NDArray[np.uint64]) -> None:
         """Announce the seeds of the next episodes, so that other threads prepare their levels during play."""
@@ -104,20 +103,16 @@ class GameBatch(GameState):
         A copy continues like its source, bit for bit. A source may occur several times, and in ``target``, too. The
         other batch has the same level source, configuration and slots.
         """
-        batch = self if batch is None else batch
-        self.write_games(target, batch.read_games(source), batch.levels.numbered)
+        self.write_games(target, (batch or self).read_games(source))
 
     def read_games(self, index: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
         """Return everything that decides how the games ``index`` (M,) continue: copies of arrays (M, ...) by name."""
-        rows = {name: array[index] for name, array in self.state().items()}
-        return {**rows, "level_numbers": self.level_numbers()[index]}
+        levels = np.where(self._levels.slots < 0, -1, self.level_numbers())  # -1 before the first round
+        return {"level_numbers": levels[index], **{name: array[index] for name, array in self.state().items()}}
 
-    def write_games(self, index: NDArray[np.int64], rows: Mapping[str, NDArray[Any]], prepare: Prepare = None) -> None:
-        """Let the games ``index`` (M,) continue from ``rows``, a result of :meth:`read_games`.
-
-        ``prepare`` returns a level by number (None: the source does). Raises MapError, without any change, if it fails.
-        """
-        self._levels.change(index, rows["level_numbers"], prepare)
+    def write_games(self, index: NDArray[np.int64], rows: Mapping[str, NDArray[Any]]) -> None:
+        """Let the games ``index`` (M,) continue from ``rows``, a result of :meth:`read_games`."""
+        self._levels.change(index, rows["level_numbers"])
         for name, array in self.state().items():
             array[index] = rows[name]
         self.games["level"][index] = np.maximum(self._levels.slots[index], 0)  # this batch has its own slots

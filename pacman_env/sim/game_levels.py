@@ -1,6 +1,5 @@
 """The level of each game of a batch; the next levels are prepared during play."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,13 +8,11 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..engine.threads import Threads
 from ..levels.assets import MapAssets
-from ..levels.level import Level
 from ..levels.level_slots import LevelSlots
 from ..levels.level_source import LevelSource
 from ..levels.levels_ahead import LevelsAhead
 
 _MOST_AHEAD = 64  # levels, of about 4 MB each
-Prepare = Callable[[int], Level] | None
 _NONE = -1  # instead of a slot or level, before the first round
 
 
@@ -43,20 +40,16 @@ class GameLevels:
         if self._ahead is not None:
             self._ahead.ask(levels)
 
-    def change(self, index: NDArray[np.int64], levels: NDArray[np.int64], prepare: Prepare = None) -> None:
-        """Move the games ``index`` (M,) to ``levels`` (M,), -1 for none; a MapError changes nothing.
-
-        ``prepare`` returns levels that are in no slot (None: the source prepares them).
-        """
+    def change(self, index: NDArray[np.int64], levels: NDArray[np.int64]) -> None:
+        """Move the games ``index`` (M,) to ``levels`` (M,), -1 for none; a MapError changes nothing."""
         if len(self.levels) == 1:
             self.slots[index] = np.minimum(levels, 0)
             return
         games = {level: index[levels == level] for level in dict.fromkeys(levels.tolist()) if level != _NONE}
         missing = [level for level in games if not self.levels.has(level)]
-        if prepare is None:
-            if len(missing) > 1:
-                self._prepare_ahead(missing)
-            prepare = self.source.prepare if self._ahead is None else self._ahead.take
+        if len(missing) > 1:
+            self._prepare_ahead(missing)
+        prepare = self.source.prepare if self._ahead is None else self._ahead.take
         prepared = {level: prepare(level) for level in missing}
         for slot in self.slots[index].tolist():
             if slot != _NONE:

@@ -130,6 +130,18 @@ def test_state_includes_episodes_and_settings_of_resets() -> None:
         assert same([*rounds(one, 3), one.reset()], expected)
 
 
+@pytest.mark.parametrize("threads", [(1, 2), (2, 1)])
+def test_state_does_not_depend_on_threads(threads: tuple[int, int]) -> None:
+    made: dict[str, Any] = {"map": "generated", "settings": {**SMALL, "num_levels": 9}, "autoreset_mode": "SameStep"}
+    env, other = (make_vector(4, num_threads=number, **made) for number in threads)
+    env.reset(seed=1)
+    rounds(env, 20)
+    other.restore_state(env.clone_state())
+    expected = rounds(env, 40)
+    assert sum(result[2].sum() for result in expected) > 4  # several episodes begin
+    assert same([rounds(other, 40), other.reset()], [expected, env.reset()])
+
+
 class Drunkard:
     """Sends its ghost to random places; its generator is its state."""
 

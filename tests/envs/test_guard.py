@@ -216,7 +216,7 @@ def test_step_is_refused_while_other_thread_copies(kind: type[Single], make_copy
 
     results: list[Any] = []
     adapter = made(kind, int)
-    next(iter(adapter.core._runner.ghost_policies.values())).__class__ = Slow
+    next(iter(adapter.core._runner.policies.values())).__class__ = Slow
     with pytest.raises(TypeError, match="cannot be copied") as _kept:  # with the state of the failed copy
         make_copy(adapter.env)
     start(step).join(60)
