@@ -163,7 +163,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     `reset(seed=..., options=...)`: for the next episode, `options` may contain `round_seed` (an `info["round_seed"]`,
     to repeat that episode), `level` (of generated maps) and `settings` (fields of the configuration that leave the
     spaces unchanged: `{"clyde.speed_mps": 0.4}`). Other keys raise an error. A copy by `copy.deepcopy` or `pickle`
-    continues exactly like the original.
+    continues exactly like the original. `clone_state()` and `restore_state(state)` do this in one environment.
 
     ## Threads
     Use one environment per thread. While a thread is in `reset`, `step` or `close`, or copies the environment, the same

@@ -68,6 +68,7 @@ def stepper(adapter: Single) -> Callable[[], Any]:
 def exclusive(adapter: Single) -> list[Callable[[], Any]]:
     env = adapter.env
     copies = [lambda: copy.copy(adapter.core), lambda: copy.deepcopy(env), lambda: pickle.dumps(env)]
+    copies.append(adapter.core.clone_state)
     return [stepper(adapter), lambda: env.reset(), env.close, *copies]
 
 
