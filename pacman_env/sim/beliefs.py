@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ..engine.jit import kernel
-from ..game.behaviour_belief import ANY_PLACE, reset_belief, update_belief, update_standing
+from ..game.behaviour_belief import ANY_PLACE, arcade_share, reset_belief, update_belief, update_standing
 from ..levels.level import level_arrays
 from ..world.navigation.grid import cell_of
 
@@ -35,6 +35,15 @@ def apart_cm(a, b):  # type: ignore[no-untyped-def]
     for g in range(len(a)):
         most = max(most, np.int32(abs(np.int32(a[g]) - np.int32(b[g]))))
     return most
+
+
+@kernel
+def _share_towards(before, now, target, moved_m):  # type: ignore[no-untyped-def]
+    """Return by which share of a move of ``moved_m`` m the path to a target became shorter.
+
+    ``before``, ``now`` and ``target`` (G,) are path lengths of three places to all goals in cm.
+    """
+    return 0.01 * (apart_cm(before, target) - apart_cm(now, target)) / moved_m
 
 
 @kernel
@@ -67,7 +76,7 @@ def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[
     """Update the beliefs about a game's ghosts (G,).
 
     ``robot`` is the robot's believed position (x, y), m, ``paths`` (G, L) are the ghosts' paths, and ``level`` is the
-    address of a level. Within ``arcade_m`` of the robot ``arcade`` turns away; a tick lasts ``tick_s``.
+    address of a level. ``arcade`` changes its target at ``arcade_m`` m from the robot; a tick lasts ``tick_s``.
     """
     a = level_arrays(level)
     snap, length_cm = a.snap, a.length_cm
@@ -77,24 +86,22 @@ def watch(ghosts, paths, robot, tick, level, arcade_m, tick_s):  # type: ignore[
         ghost = ghosts[k]
         cell = a.ghost_drive[paths[k, ghost.path_index]]
         corner = a.ghost_drive[a.ghost_corner[k]]
+        robot_m = math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2)
         if ghost.seen_cell >= 0 and cell >= 0 and ghost.robot_cell >= 0 and corner >= 0:
             dx, dy = ghost.x - ghost.seen_x, ghost.y - ghost.seen_y
             moved = math.sqrt(dx * dx + dy * dy)
             ticks = tick - ghost.seen_tick
             if moved < _MOVED_M:
                 if ticks >= _STANDS_TICKS and moved < _STANDS_SHARE * ghost.speed * ticks * tick_s:
-                    update_standing(ghost.belief, math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2))
+                    update_standing(ghost.belief, robot_m)
                     ghost.seen_tick = tick
                 continue
-            previous, now, target = length_cm[ghost.seen_cell], length_cm[cell], length_cm[ghost.robot_cell]
-            robot_share = 0.01 * (apart_cm(previous, target) - apart_cm(now, target)) / moved
-            near, corner_share = ghost.seen_m <= arcade_m, 0.0
-            if near:
-                target = length_cm[corner]
-                corner_share = 0.01 * (apart_cm(previous, target) - apart_cm(now, target)) / moved
+            previous, now = length_cm[ghost.seen_cell], length_cm[cell]
+            robot_share = _share_towards(previous, now, length_cm[ghost.robot_cell], moved)
+            corner_share = _share_towards(previous, now, length_cm[corner], moved)
+            to_arcade_target = arcade_share(robot_share, corner_share, ghost.seen_m, robot_m, arcade_m)
             turned = dx * ghost.seen_vx + dy * ghost.seen_vy < -0.5 * moved * ghost.speed
             places_share, ghost.places = places_left(previous, now, moved, ghost.places)
-            update_belief(ghost.belief, places_share, robot_share, corner_share, near, turned)
+            update_belief(ghost.belief, places_share, robot_share, to_arcade_target, turned)
         ghost.seen_x, ghost.seen_y, ghost.seen_vx, ghost.seen_vy = ghost.x, ghost.y, ghost.vx, ghost.vy
-        ghost.seen_m = math.sqrt((ghost.x - robot[0]) ** 2 + (ghost.y - robot[1]) ** 2)
-        ghost.seen_cell, ghost.robot_cell, ghost.seen_tick = cell, robot_cell, tick
+        ghost.seen_m, ghost.seen_cell, ghost.robot_cell, ghost.seen_tick = robot_m, cell, robot_cell, tick

@@ -19,8 +19,8 @@ from pacman_env.game.behaviour_belief import (
 from pacman_env.game.ghosts import BEHAVIOURS
 
 SHARES = st.floats(-3.0, 3.0)
-MOVES = st.lists(st.tuples(st.floats(0.0, 1.0), SHARES, SHARES, st.booleans(), st.booleans()), max_size=60)
-Move = tuple[float, float, float, bool, bool]
+MOVES = st.lists(st.tuples(st.floats(0.0, 1.0), SHARES, SHARES, st.booleans()), max_size=60)
+Move = tuple[float, float, float, bool]
 
 
 def after(moves: list[Move], belief: np.ndarray | None = None) -> np.ndarray:
@@ -31,7 +31,7 @@ def after(moves: list[Move], belief: np.ndarray | None = None) -> np.ndarray:
 
 
 # Moves that half of the places' ways go on with, and on the only way to all of them.
-TOWARDS_ROBOT, AWAY = (0.5, 1.0, -1.0, False, False), (0.5, -1.0, -1.0, False, False)
+TOWARDS_ROBOT, AWAY = (0.5, 1.0, 1.0, False), (0.5, -1.0, -1.0, False)
 
 
 def test_believed_names_are_behaviours_and_other() -> None:
@@ -54,19 +54,19 @@ def test_belief_follows_the_moves_and_forgets() -> None:
 
 
 def test_moves_near_robot_tell_arcade_from_chaser() -> None:
-    to_corner, to_robot = (0.5, -1.0, 1.0, True, False), (0.5, 1.0, -1.0, True, False)
+    to_corner, to_robot = (0.5, -1.0, 1.0, False), (0.5, 1.0, -1.0, False)
     assert after([to_corner] * 6).argmax() == ARCADE
     assert after([to_robot] * 6).argmax() == CHASES
 
 
 def test_repeated_turning_is_another_behaviour() -> None:
-    moves = [(0.9, 0.2, -1.0, False, k % 4 == 0) for k in range(24)]
+    moves = [(0.9, 0.2, 0.2, k % 4 == 0) for k in range(24)]
     assert after(moves).argmax() == OTHER
 
 
 def test_random_moves_are_wandering() -> None:
     rng = np.random.default_rng(0)
-    moves = [(0.8, float(a), float(b), False, False) for a, b in rng.uniform(-1.0, 1.0, (20, 2))]
+    moves = [(0.8, float(a), float(a), False) for a in rng.uniform(-1.0, 1.0, 20)]
     assert after(moves).argmax() == WANDERS
 
 
@@ -80,7 +80,7 @@ def test_standing_ghost_does_not_wander(robot_m: float) -> None:
 
 
 def test_move_without_alternative_carries_little_information() -> None:
-    only_way = (1.0, 1.0, -1.0, False, False)
+    only_way = (1.0, 1.0, 1.0, False)
     belief = after([only_way] * 30)
     assert belief[CHASES] + belief[ARCADE] < 0.7
     assert belief[WANDERS] > 0.3
