@@ -171,6 +171,7 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
 
     ## Version History
     - v2 (0.25.0): each physics step of a robot at a wall solves its contacts alone and corrects an overlap at once.
+      The belief in the planner features recognizes `arcade` ghosts near the distance where they change their target.
     - v1 (0.20.0): with the preset `robot`, the robot starts, turns and changes its goal as slowly as with Nav2.
       `preset="robot_0_15"` is the robot of v0. The planner features have 289 numbers instead of 274. They are part of
       the observation of PacManBotFlat and its variants (except PacManBotFlatVelocity).

@@ -41,7 +41,7 @@ from .situation import FRIGHTENED_S, HOLD, PELLET, REFUGE, Situation, maps_of, s
 if TYPE_CHECKING:
     from ..levels.level_slots import LevelSlots
 
-VERSION = 4
+VERSION = 5
 _AROUND_M = 2.5  # pellets within this path length count as around a place
 _SCORER = ScorerParameters()  # the handcrafted scorer, as deployed
 

@@ -13,12 +13,16 @@ from pacman_env.game.behaviour_belief import (
     OTHER,
     PRIOR,
     WANDERS,
+    arcade_share,
+    taken_for,
     update_belief,
     update_standing,
 )
 from pacman_env.game.ghosts import BEHAVIOURS
+from tests.game.walking_ghosts import ARCADE_M, recognized
 
-SHARES = st.floats(-3.0, 3.0)
+SHARES = st.floats(allow_nan=False, allow_infinity=False)
+METRES = st.floats(0.0, 1e6)
 MOVES = st.lists(st.tuples(st.floats(0.0, 1.0), SHARES, SHARES, st.booleans()), max_size=60)
 Move = tuple[float, float, float, bool]
 
@@ -51,6 +55,41 @@ def test_belief_follows_the_moves_and_forgets() -> None:
     assert before[CHASES] + before[ARCADE] > 0.9
     assert after([AWAY] * 2, before)[CHASES] < 0.2
     assert after([TOWARDS_ROBOT] * 100 + [AWAY] * 12)[WANDERS] > 0.5
+
+
+@pytest.mark.parametrize("speed_mps", [0.15, 0.25, 0.35, 0.45])
+@pytest.mark.parametrize("behaviour", ["wander", "arcade", "chase"])
+def test_walking_ghost_is_recognized(behaviour: str, speed_mps: float) -> None:
+    verdicts = [verdict for seed in range(30) for verdict in recognized(behaviour, speed_mps, seed)]
+    assert np.mean(verdicts) >= 0.9
+
+
+@given(st.lists(st.tuples(st.booleans(), st.booleans()), min_size=12, max_size=60), st.floats(-0.2, 0.2))
+def test_arcade_ghost_is_recognized_at_boundary(moves: list[tuple[bool, bool]], from_boundary_m: float) -> None:
+    belief = np.array(PRIOR)
+    for number, (to_robot, turned) in enumerate(moves):
+        to_robot = to_robot if number % 3 else False  # some moves lead away from the robot
+        shares = (1.0, -1.0) if to_robot else (-1.0, 1.0)
+        seen_m = ARCADE_M + from_boundary_m
+        to_target = arcade_share(*shares, seen_m, seen_m + 0.1, ARCADE_M)
+        update_belief(belief, 0.5, shares[0], to_target, turned)
+    assert taken_for(belief) == ARCADE
+
+
+@given(SHARES, SHARES, METRES, METRES)
+def test_arcade_target_depends_on_distance(to_robot: float, to_corner: float, seen_m: float, now_m: float) -> None:
+    share = arcade_share(to_robot, to_corner, seen_m, now_m, ARCADE_M)
+    if (seen_m > ARCADE_M) != (now_m > ARCADE_M):
+        assert share == max(to_robot, to_corner)
+    elif abs(seen_m - ARCADE_M) > 0.5:
+        assert share == (to_robot if seen_m > ARCADE_M else to_corner)
+    assert share in (to_robot, to_corner)
+
+
+@given(st.floats(0.0, 10.0), st.integers(6, 40))
+def test_chaser_at_any_distance_is_recognized(robot_m: float, moves: int) -> None:
+    to_target = arcade_share(1.0, -1.0, robot_m, robot_m, ARCADE_M)
+    assert taken_for(after([(0.5, 1.0, to_target, False)] * moves)) == CHASES
 
 
 def test_moves_near_robot_tell_arcade_from_chaser() -> None:

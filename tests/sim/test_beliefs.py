@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pacman_env.config import make_config
-from pacman_env.game.behaviour_belief import ANY_PLACE, ARCADE, BELIEVED, CHASES, PRIOR
+from pacman_env.game.behaviour_belief import ANY_PLACE, ARCADE, BELIEVED, CHASES, PRIOR, WANDERS, taken_for
 from pacman_env.game.ends import RUNNING
 from pacman_env.levels.assets import map_assets
 from pacman_env.observations.situation_writer import situation_of
@@ -18,10 +18,10 @@ from tests.sim.players import new_batch
 GAMES = 32
 
 
-def believed(*ghosts: str, seconds: float = 12.0) -> np.ndarray:
+def believed(*ghosts: str, seconds: float = 12.0, speed_mps: float = 0.25) -> np.ndarray:
     """(M, G, 4) of the games that run so long; the ghosts cannot catch the robot."""
     settings = {"execution.death_radius_m": 1e-6, "nav2.clyde_keepout_m": 1e-6}
-    config = make_config("robot", **{"clyde.ghosts": ghosts, **settings})
+    config = make_config("robot", **{"clyde.ghosts": ghosts, "clyde.speed_mps": speed_mps, **settings})
     batch = new_batch(config, GAMES)
     policy = make_policy("lookahead")
     policy.reset(np.ones(GAMES, np.bool_), config)
@@ -45,6 +45,12 @@ def test_hunters_and_wanderers_are_told_apart(name: str, hunts: bool) -> None:
 def test_each_ghost_has_its_own_belief() -> None:
     belief = believed("wander", "chase", seconds=30.0)
     assert belief[:, 1, CHASES].mean() > belief[:, 0, CHASES].mean() + 0.3
+
+
+def test_wandering_and_arcade_ghost_are_each_recognized() -> None:
+    belief = believed("wander", "arcade", seconds=40.0, speed_mps=0.35)
+    for number, behaviour in enumerate((WANDERS, ARCADE)):
+        assert np.mean([taken_for(one) == behaviour for one in belief[:, number]]) >= 0.9
 
 
 def test_moved_ghost_resets_its_belief() -> None:
