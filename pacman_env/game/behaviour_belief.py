@@ -2,10 +2,9 @@
 
 A move is compared with the moves of each behaviour. ``chase`` approaches the robot by path; ``arcade`` does so from
 afar and goes to its corner if it is near. It stays near the distance at which it changes its target, where it may do
-either. ``wander`` goes to one of the map's places, all equally likely, and does not
-turn round on its way. If the paths to its possible places fork, the likelihood of the move is the share of places on
-the chosen branch. Without a fork, a move towards the robot carries no information. A ghost that a policy controls
-(``other``) may turn and stand.
+either. ``wander`` goes to one of the map's places, all equally likely, and does not turn round on its way. If the paths
+to its possible places fork, the likelihood of the move is the share of places on the chosen branch. Without a fork, a
+move towards the robot carries no information. A ghost that a policy controls (``other``) may turn and stand.
 """
 
 #: The behaviours that are told apart: prior probability, likelihood of standing far from the robot, and likelihood of
@@ -31,8 +30,8 @@ _NEW_TARGET = 0.08  # measured likelihood that a wandering ghost approaches no p
 #: Likelihood of turning round: wander, chase, arcade, other. Likelihood of not turning: other.
 _TURN_WANDERING, _TURN_CHASING, _TURN_ARCADE, _TURN_OTHER, _ON_OTHER = 0.02, 0.09, 0.5, 0.13, 0.87
 ARRIVED_M = 1.0
-#: An ``arcade`` ghost this near to its distance can have had both targets between two sightings. Measured on generated
-#: houses and two maps: 0.1 to 0.4 m recognise arcade ghosts equally well; more takes more wandering ghosts for arcade.
+#: Within this distance of the boundary ``arcade`` can have had both targets during a move. Measured on generated houses
+#: and two maps: 0.1 to 0.75 m recognize it equally well, but the more, the more wandering ghosts are taken for it.
 _BOUNDARY_M = 0.25
 
 
@@ -47,16 +46,14 @@ def evidence(share):  # type: ignore[no-untyped-def]
 
 
 def arcade_share(robot_share, corner_share, seen_m, now_m, arcade_m):  # type: ignore[no-untyped-def]
-    """Return the share of a move towards the target of ``arcade``, relative to the length of the move.
+    """Return the share of a move towards the target of ``arcade``: the robot from afar, its corner if it is near.
 
-    The target is the robot if it was farther than ``arcade_m``, m, and otherwise the ghost's corner. At the boundary
-    it is the target that the ghost approached more.
+    At the boundary between both, or if the ghost crossed it, the target that it approached more counts.
 
     Args:
         robot_share: length by which its path to the robot became shorter, relative to the length of the move.
-        corner_share: length by which its path to its corner became shorter, relative to the length of the move.
-        seen_m: straight distance from the robot before the move, m.
-        now_m: straight distance from the robot after the move, m.
+        corner_share: the same for the path to its corner.
+        seen_m: straight distance from the robot before the move, m; ``now_m``: after the move.
         arcade_m: distance at which ``arcade`` changes its target, m.
     """
     near = seen_m <= arcade_m
