@@ -46,6 +46,7 @@ GHOST_FIELDS = [
     ("path_length", np.int32),  # number of cells of its path
     ("path_offset", np.float64),  # m walked since the last passed cell
     ("stream", np.uint64),
+    ("behaviour", np.int32),  # 1 + index in ``BEHAVIOUR_NAMES`` of its behaviour in this game, 0: as configured
     ("wanders", np.bool_),  # draws a new target at the end of its path
     ("fled", np.bool_),  # was frightened at its last decision
     ("gone", np.bool_),  # was away, at its spawn place, at its last move

@@ -37,7 +37,7 @@ from ..sim.coarse_model import (
     put_robot,
     rules,
 )
-from .situation import PELLET
+from .situation import HARMLESS, PELLET
 
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # longest time played: to a candidate, while holding, after arriving
 _WAYS = 4  # goals tried after arriving
@@ -103,7 +103,7 @@ def coming(s, i):  # type: ignore[no-untyped-def]
     """Return the number of ghosts that are believed to approach the robot in situation i."""
     count = 0
     for k in range(s.belief.shape[1]):
-        count += comes(s.belief[i, k])
+        count += comes(s.belief[i, k]) and s.fright[i, k, HARMLESS] == 0.0
     return count
 
 
@@ -161,7 +161,7 @@ def _put_ghosts(s, i, model, a):  # type: ignore[no-untyped-def]
     count, apart = 0, np.inf
     for k in range(s.belief.shape[1]):
         which = taken_for(s.belief[i, k])
-        if which == WANDERS:
+        if which == WANDERS or s.fright[i, k, HARMLESS] > 0.0:
             continue
         a.behaviours.behaviours[k, 0], a.behaviours.behaviours[k, 1] = a.classes[which, 0], a.classes[which, 1]
         put_ghost(a.ghosts[0, count], k, model, s.ghosts[i, k])

@@ -7,7 +7,6 @@ import numpy as np
 
 from ..engine.arrays import Array, arrays_by_address
 from ..engine.jit import kernel, table_kernel
-from ..game.behaviour_belief import WANDERS
 from ..game.power import AWAY_UNTIL, HARMLESS_UNTIL, is_frightened, is_harmless
 from ..levels.level import level_arrays
 from ..sim.kernels import NOWHERE_M, SUMMARY, RuleArrays, allowed, believed, nearest, summarize
@@ -76,9 +75,6 @@ def _write_ghosts(s, i, a, player):  # type: ignore[no-untyped-def]
         if is_frightened(seen[k], g.step):
             s.fright[i, k, FRIGHTENED_S] = (seen[k, HARMLESS_UNTIL] - g.step) * p.dt
         s.fright[i, k, HARMLESS] = is_harmless(seen[k], g.step + p.warning_steps)
-        if player < 0 and s.fright[i, k, HARMLESS]:  # as if it wandered, so that no policy expects it to come
-            s.belief[i, k] = 0.0
-            s.belief[i, k, WANDERS] = 1.0
     clyde = player
     if player < 0:
         clyde, _ = nearest(s.robot[i, 0], s.robot[i, 1], seen, g.step + p.warning_steps)

@@ -1,7 +1,7 @@
 """Protocol of policies, which choose goals, and a base class for most of them."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -63,6 +63,7 @@ class BasePolicy:
 
     name: str
     config = make_config()  #: configuration of the games, set by the last reset
+    clock_s: Callable[[], float] | None = None  #: a robot's clock, s, for policies that obey ``decisions.limit_s``
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         """Store the configuration; this policy has no state of the games (N,) to forget."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -116,6 +116,10 @@ class GameBatch(GameState):
         for name, array in self.state().items():
             array[index] = rows[name]
         self.games["level"][index] = np.maximum(self._levels.slots[index], 0)  # this batch has its own slots
+
+    def compile_behaviours(self, names: Collection[str]) -> None:
+        """Compile behaviours, so that the field ``behaviour`` of ghosts may select them in some of the games."""
+        self._ghosts.compile_behaviours(names)
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None

@@ -1,7 +1,7 @@
 """State, paths and destinations of the ghosts of N games; ``game/ghosts.py`` contains the rules."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -67,7 +67,7 @@ class GhostArrays(NamedTuple):
 
 
 #: In the kernels ``path`` (L,) are the cells of a ghost, ``level`` the arrays of its map, and ``table`` this address.
-_arrays = arrays_by_address(GhostArrays)
+ghost_arrays = arrays_by_address(GhostArrays)
 
 
 @kernel
@@ -127,9 +127,15 @@ def _cell_of(chosen, g, level, p):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _own_row(ghost, k, count):  # type: ignore[no-untyped-def]
+    """Return the row in ``GhostArrays.behaviours`` of the behaviour of ghost k of ``count``."""
+    return k if ghost.behaviour == 0 else count + ghost.behaviour - 1
+
+
+@kernel
 def decide(table, i):  # type: ignore[no-untyped-def]
     """Choose targets for the ghosts of game i that have a behaviour or policy; return False if a behaviour failed."""
-    a = _arrays(table)
+    a = ghost_arrays(table)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
     level = level_arrays(a.levels[g.level])
@@ -138,22 +144,23 @@ def decide(table, i):  # type: ignore[no-untyped-def]
     for k in range(count):
         row = -1
         ghost = ghosts[i, k]
+        own = _own_row(ghost, k, count)
         frightened = is_frightened(a.obstacles[i, k], g.step)
         if ghost.fled and not frightened:  # a ghost that wanders draws a new target at the end of its path
-            ghost.wanders |= behaviours[k, 0] == 0
+            ghost.wanders |= behaviours[own, 0] == 0
         ghost.fled = frightened
         if is_away(a.obstacles[i, k], g.step):
             continue
-        if behaviours[k, 0] > 0:
-            row = k
-        elif behaviours[k, 0] < 0:  # a policy sends it
+        if behaviours[own, 0] > 0:
+            row = own
+        elif behaviours[own, 0] < 0:  # a policy sends it
             chosen = a.choices[i, k]
             if chosen.kind == AS_BEHAVIOUR:
                 row = count + chosen.value
             else:
                 _go(ghost, paths[i, k], _cell_of(chosen, g, level, p), level, a.search)
             ghost.place = chosen.value if chosen.kind == TO_CANDIDATE and not ghost.wanders else -1
-        if frightened and behaviours[k, 0] >= 0:
+        if frightened and behaviours[own, 0] >= 0:
             row = flee
         if row >= 0 and call_range(behaviours[row, 0], table, i, row * count + k) < 0:
             return False
@@ -163,7 +170,7 @@ def decide(table, i):  # type: ignore[no-untyped-def]
 @kernel
 def move(table, i):  # type: ignore[no-untyped-def]
     """Move the ghosts of a game; wandering ghosts at the end of their paths draw new targets."""
-    a = _arrays(table)
+    a = ghost_arrays(table)
     ghosts, paths, behaviours = a.ghosts, a.paths, a.behaviours
     g, p = a.games[i], a.parameters[0]
     level = level_arrays(a.levels[g.level])
@@ -173,7 +180,7 @@ def move(table, i):  # type: ignore[no-untyped-def]
         away = is_away(a.obstacles[i, k], g.step)
         if away and not ghost.gone:
             spawn(ghost, ghost.spawn_cell, paths[i, k], level.ghost_xy)
-            ghost.wanders |= behaviours[k, 0] == 0
+            ghost.wanders |= behaviours[_own_row(ghost, k, count), 0] == 0
         ghost.gone = away
         if not away:
             share = p.frightened_speed if is_frightened(a.obstacles[i, k], g.step) else 1.0
@@ -187,7 +194,7 @@ def move(table, i):  # type: ignore[no-untyped-def]
 @kernel
 def watch(table, i):  # type: ignore[no-untyped-def]
     """Update the beliefs about the ghosts of a game after a tick."""
-    a = _arrays(table)
+    a = ghost_arrays(table)
     g, p = a.games[i], a.parameters[0]
     bx, by, _ = believed(g, p.use_tf)
     for k in range(a.ghosts.shape[1]):
@@ -198,7 +205,7 @@ def watch(table, i):  # type: ignore[no-untyped-def]
 
 def _follow_behaviour(table, i, which):  # type: ignore[no-untyped-def]
     """Choose the target of a ghost of game i; ``which`` is the row of its behaviour * G + its number. Return 0."""
-    a = _arrays(table)
+    a = ghost_arrays(table)
     row, number = divmod(which, a.ghosts.shape[1])
     constants = reals_at(a.behaviours[row, 1], CONSTANTS)
     g, p = a.games[i], a.parameters[0]
@@ -262,6 +269,13 @@ class Ghosts:
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
+    def compile_behaviours(self, names: Collection[str]) -> None:
+        """Compile behaviours among ``BEHAVIOUR_NAMES``, so that ``behaviour`` of a ghost's record may select them."""
+        for k, name in enumerate(BEHAVIOUR_NAMES):
+            row = len(self.wander_first) + k
+            if name in names and row not in self._used:
+                self._use(row, _TABLE[k])
+
     def send(self, choices: NDArray[Any] | None) -> None:
         """Set the choices of ghosts that a policy sends, (N, G) records or candidates, and compile their behaviours.
 
@@ -281,10 +295,7 @@ class Ghosts:
             wrong = value[bad[0]].tolist()
             raise ValueError(f"ghost choices {wrong} of game {bad[0]}: candidates are 0 to {self._hold}")
         self.choices[:] = sent
-        for k in set(value[kind == AS_BEHAVIOUR].tolist()):
-            row = len(self.wander_first) + k
-            if row not in self._used:
-                self._use(row, _TABLE[k])
+        self.compile_behaviours({BEHAVIOUR_NAMES[k] for k in set(value[kind == AS_BEHAVIOUR].tolist())})
 
     def bind(self, levels: LevelSlots, hold: int) -> None:
         """Set the levels that the ghosts walk on and the number ``hold`` of the candidate "hold"; erase all paths."""

@@ -20,7 +20,7 @@ def house() -> LevelSlots:
     return LevelSlots.only(Level.of(map_assets("house", config), config), config)
 
 
-def random_situation(seed: int, games: int, pellets: int = 8, refuges: int = 3, allowed: float = 0.7) -> Situation:
+def random_situation(seed: int, games: int, pellets: int = 13, refuges: int = 10, allowed: float = 0.7) -> Situation:
     """Situations on a plain without walls, near enough to Clyde that every rule matters.
 
     For policies that plan on maps they lie in ``house``, where candidates are goals drawn at random.

@@ -1,0 +1,1 @@
+"""The policy ``rollouts`` and the games that it plays."""
