@@ -78,7 +78,7 @@ COPIED = ("ghosts", "levels", "levels, endless", "levels, arcade", "levels, velo
 @pytest.mark.parametrize("case", COPIED)
 def test_copied_games_continue_like_sources(case: str) -> None:
     config, maps, _ = CASES[case]
-    players, others = (Players(config, numbers, maps, levels=40) for numbers in ([0, 1, 2], [3, 4, 5, 6]))
+    players, others = (Players(config, numbers, maps, levels=200) for numbers in ([0, 1, 2], [3, 4, 5, 6]))
     source, target = np.array([2, 0, 2]), np.array([0, 1, 3])
     for decision in range(90):
         if decision % 30 == 10:
