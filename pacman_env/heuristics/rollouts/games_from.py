@@ -1,14 +1,14 @@
 """Start games from a situation; what a situation does not contain is drawn from seeds.
 
-Drawn are the true pose within the localization's error, the behaviour of each ghost from the belief about it, the target
-of each wandering ghost, the parameters that the configuration randomizes, and all later noise. Not contained in a
-situation, and therefore assumed: the robot's present path starts now, at its present speed; a goal is neither waiting
-for Nav2 nor about to be aborted; a forbidden refuge waits for one back-off time; pellets that wait after an abort cannot
-be collected; it is the first round of an endless game; a caught ghost returns to a random spawn place.
+Drawn are the true pose within the localization's error, the behaviour of each ghost from the belief about it, the
+target of each wandering ghost, the parameters that the configuration randomizes, and all later noise.
+
+A situation does not contain the following, so it is assumed. The robot's plan starts now, and no goal waits for Nav2 or
+is about to be aborted. A forbidden refuge waits for one back-off time, and a forbidden pellet cannot be collected. It is
+the first round of an endless game. A caught ghost returns to a random spawn place.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray

@@ -6,7 +6,6 @@ Tsitsiklis and Wu, 1997).
 """
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
