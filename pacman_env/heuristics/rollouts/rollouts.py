@@ -34,8 +34,8 @@ class RolloutParameters(NamedTuple):
 
     candidates: int = 3  # largest number of candidates that are tried
     futures: int = 16  # games for each of them; after half of them, those with a lower mean than the base's choice go
-    seconds: float = 34.0  # length of a game, after which the base's value counts
-    decide_s: float = 2.0  # time between two decisions in a game
+    seconds: float = 33.0  # length of a game, after which the base's value counts
+    decide_s: float = 3.0  # time between two decisions in a game
     errors: float = 1.5  # standard errors of the advantage by which a candidate must be better than the base's choice
     every: int = 2  # a goal is kept for this many ticks
     certain: float = 0.99  # nothing is tried if the base gives its choice this probability ...
