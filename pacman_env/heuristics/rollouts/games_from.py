@@ -3,9 +3,9 @@
 Drawn are the true pose within the localization's error, the behaviour of each ghost from the belief about it, the
 target of each wandering ghost, the parameters that the configuration randomizes, and all later noise.
 
-A situation does not contain the following, so it is assumed. The robot's plan starts now, and no goal waits for Nav2 or
-is about to be aborted. A forbidden refuge waits for one back-off time, and a forbidden pellet cannot be collected. It is
-the first round of an endless game. A caught ghost returns to a random spawn place.
+A situation does not contain the following, so it is assumed. The robot's plan starts now, and no goal waits for Nav2
+or is about to be aborted. A forbidden refuge waits for one back-off time, and a forbidden pellet cannot be collected.
+It is the first round of an endless game. A caught ghost returns to a random spawn place.
 """
 
 import math
@@ -148,7 +148,7 @@ def _step_of(seen, level):  # type: ignore[no-untyped-def]
 
 @kernel
 def _draw_behaviour(belief, k, i, count, state):  # type: ignore[no-untyped-def]
-    """Return the behaviour of ghost k in future i of ``count``, an index in ``BELIEVED``; ``other`` counts as wandering."""
+    """Return the behaviour of ghost k in future i of ``count``, an index in ``BELIEVED``; ``other`` becomes wandering."""
     at = (state >> np.uint64(11)) * (1.0 / 9007199254740992.0) + i * (2 * k + 1) / count
     at -= math.floor(at)
     for which in (ARCADE, CHASES):
