@@ -148,7 +148,7 @@ def _step_of(seen, level):  # type: ignore[no-untyped-def]
 
 @kernel
 def _draw_behaviour(belief, k, i, count, state):  # type: ignore[no-untyped-def]
-    """Return the behaviour of ghost k in future i of ``count``, an index in ``BELIEVED``; ``other`` becomes wandering."""
+    """Return the behaviour of ghost k in future i of ``count``, in ``BELIEVED``; ``other`` becomes wandering."""
     at = (state >> np.uint64(11)) * (1.0 / 9007199254740992.0) + i * (2 * k + 1) / count
     at -= math.floor(at)
     for which in (ARCADE, CHASES):
