@@ -15,7 +15,7 @@ from pacman_env.config import Config
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
-from pacman_env.policies.base import BasePolicy, Explanation, Policy, require_numbers
+from pacman_env.policies.base import BasePolicy, Explanation, Policy, keeps_state, require_numbers
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.rng import POLICY, stream
@@ -69,6 +69,7 @@ class Rollouts(BasePolicy):
     """
 
     name = "rollouts"
+    stateless = True
 
     def __init__(self, base: str | Policy = "ppo", **parameters: Any) -> None:
         self.parameters = p = RolloutParameters(**parameters)
@@ -76,7 +77,7 @@ class Rollouts(BasePolicy):
         if p.futures % 2 or p.futures < 4:
             raise ValueError(f"futures = {p.futures!r}: must be an even number of at least 4")
         self.base = make_policy(base) if isinstance(base, str) else base
-        if getattr(type(self.base), "reset", None) is not BasePolicy.reset:
+        if keeps_state(self.base):
             raise ValueError(f"base = {base!r}: must be a policy without state, which does not define reset")
         self._batch: GameBatch | None = None
 
@@ -110,6 +111,8 @@ class Rollouts(BasePolicy):
         """Return scores (N, C), and for each situation the trial, or None if its choice is easy."""
         scores = np.where(situation.mask, self.base.scores(situation), -np.inf)
         trials: list[Trial | None] = [None] * len(situation)
+        if self._batch is None and np.isfinite(scores[0]).any():  # compile everything, even if the choice is easy
+            self._try(situation, 0, scores[0])
         for i, own in enumerate(scores):
             current = int(situation.current[i])
             if situation.tick[i] % self.parameters.every and current >= 0 and situation.mask[i, current]:
