@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import numbers
-import weakref
 from collections.abc import Sequence
 from typing import Any, Protocol
 
@@ -150,8 +149,8 @@ class GeneratedMaps:
         return cls(config, int(start), int(drawn), scale, room if num_levels is None else None)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Omit the first map, which is prepared again on demand, and what belongs to this process."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("first", "files", "_shared")}
+        """Omit the first map, which is prepared again on demand, and the cache folder of this process."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("first", "files")}
 
     @functools.cached_property
     def first(self) -> MapAssets:
@@ -180,21 +179,14 @@ class GeneratedMaps:
         return LevelFacts(most_pellets(config, self.scale), refuges, cells, UNREACHABLE_CM, cells, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
-        """Return a level that a batch has; otherwise load it from its file if it was prepared and cached before."""
-        if (shared := self._shared.get(level)) is not None:
-            return shared
+        """Return a level; load it from its file if it was prepared and cached before."""
         prepare = functools.partial(prepare_level, level, self._config, self.scale)
         cached = self.files.load(level, prepare) if self._is_kept(level) else None
         if cached is None:
             cached = Level.of(self.first if level == self.start_level else prepare(), self._config)
             if self._is_kept(level) and self.files.keep(level, cached):
                 cached = self.files.load(level, prepare) or cached  # a mapped file takes half of the memory
-        self._shared[level] = cached
         return cached
-
-    @functools.cached_property
-    def _shared(self) -> weakref.WeakValueDictionary[int, Level]:
-        return weakref.WeakValueDictionary()
 
     @functools.cached_property
     def files(self) -> LevelFiles:

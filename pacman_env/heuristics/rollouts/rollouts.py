@@ -26,6 +26,7 @@ from .games_from import games_for, games_from
 #: Rewards in the futures and their scale: those of the training of ``ppo``, so that its values continue them.
 _REWARDS = {"reward.timeout": -10.0, "decisions.discount_per_s": 0.998}
 _SCALE = 0.2
+_TIE = 1e-9  # by which another candidate must be better than the base's choice
 _UNTRIED = 1.0  # by which the score of a candidate that was not tried is lower than the lowest of the tried ones
 
 
@@ -54,11 +55,6 @@ class Trial(NamedTuple):
         gained = self.returns - self.returns[0]
         played = np.isfinite(gained).sum(axis=1)
         return np.nanmean(gained, axis=1) + errors * np.nanstd(gained, axis=1, ddof=1) / np.sqrt(played)
-
-    def scores(self, errors: float) -> NDArray[np.float64]:
-        """Return a score (K,) per candidate: the lower bound of its advantage, at most 0 if it was given up early."""
-        given_up = np.isnan(self.returns).any(axis=1)
-        return np.where(given_up, np.minimum(self.bound(-errors), 0.0), self.bound(-errors))
 
 
 class Rollouts(BasePolicy):
@@ -119,7 +115,8 @@ class Rollouts(BasePolicy):
                 own[current] = own.max() + 1.0
             elif not self._is_easy(situation, i, own):
                 trials[i] = trial = self._try(situation, i, own)
-                tried = trial.scores(self.parameters.errors)
+                tried = trial.bound(-self.parameters.errors)
+                tried[1:] -= _TIE
                 own += tried.min() - _UNTRIED - own.max()
                 own[trial.candidates] = tried
         return scores, trials
