@@ -19,7 +19,7 @@ from pacman_env.policies.base import BasePolicy, Explanation, Policy, keeps_stat
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.rng import POLICY, stream
-from pacman_env.sim.batch import GameBatch
+from pacman_env.sim.batch import ALL_TICKS, GameBatch
 
 from .games_from import games_for, games_from
 
@@ -35,12 +35,12 @@ class RolloutParameters(NamedTuple):
 
     candidates: int = 3  # largest number of candidates that are tried
     futures: int = 16  # games for each of them; after half of them, those with a lower mean than the base's choice go
-    seconds: float = 33.0  # length of a game, after which the base's value counts
-    decide_s: float = 3.0  # time between two decisions in a game
+    seconds: float = 35.0  # length of a game, after which the base's value counts
+    decide_s: float = 2.0  # time between two decisions in a game
     errors: float = 1.5  # standard errors of the advantage by which a candidate must be better than the base's choice
     every: int = 2  # a goal is kept for this many ticks
-    certain: float = 0.99  # nothing is tried if the base gives its choice this probability ...
-    near_m: float = 4.0  # ... and no ghost is as near as this
+    certain: float = 0.999  # nothing is tried if the base gives its choice this probability ...
+    near_m: float = 3.0  # ... and no ghost is as near as this
 
 
 class Trial(NamedTuple):
@@ -165,8 +165,10 @@ class Rollouts(BasePolicy):
         played, choices = np.arange(batch.n) < n, np.full(batch.n, batch.hold)
         choices[:n] = first
         returns, factor, forbidden = np.zeros(batch.n), np.ones(batch.n), np.zeros(batch.n, dtype=np.bool_)
+        ticks = p.every  # the first choice is kept as long as in the game
         while True:
-            batch.step_until_due(choices, forbidden, None, played)
+            batch.step_until_due(choices, forbidden, None, played, ticks)
+            ticks = ALL_TICKS
             returns[played] += _SCALE * factor[played] * batch.reward[played]
             factor[played] *= batch.config.decisions.discount_per_s ** batch.elapsed_s[played]
             played &= batch.games["end"] == RUNNING
