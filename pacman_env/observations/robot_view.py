@@ -3,7 +3,6 @@
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from ..game.goals import Goals, Place
 from ..game.pellets import generate_pellets
 from ..game.power import HARMLESS_UNTIL
 from ..levels.assets import MapAssets
+from ..levels.ghost_cells import step_of
 from ..levels.level import Level
 from ..levels.level_slots import LevelSlots
 from ..sim import kernels
@@ -27,7 +27,6 @@ from .situation_kernel import REQUEST, ViewArrays, write_situations
 
 _AWAY_M = 1.0  # a pose at a larger distance from all drivable cells is not on the map
 _JUMP_M = 0.5  # a move that exceeds the ghost's speed by more than this counts as a teleport
-_BESIDE = 1.2  # cells: a point this far behind a cell is nearest to the neighbour behind it, straight or diagonal
 
 
 @dataclass(frozen=True)
@@ -139,18 +138,8 @@ class RobotView:
         ghost["x"], ghost["y"] = x, y
         self._obstacles[0, number, :2] = x, y
         self._stamp_ns[number] = stamp_ns
-        self._cells[0, number, 0] = self._cell_passed(ghost)
-
-    def _cell_passed(self, ghost: NDArray[Any]) -> int:
-        """Return the last cell that a ghost passed on its way between two adjacent cells."""
-        cells, at = self.assets.clyde, np.array((ghost["x"], ghost["y"]))
-        nearest, _ = cells.nearest(*at)
-        ahead = cells.position[nearest] - at
-        distance = math.hypot(*ahead)
-        if distance < 1e-6 or ahead[0] * ghost["vx"] + ahead[1] * ghost["vy"] <= 0:
-            return nearest
-        behind = cells.position[nearest] - ahead / distance * _BESIDE * cells.resolution
-        return cells.nearest(*behind)[0]
+        moving, cells = np.array([ghost[name] for name in ("x", "y", "vx", "vy")]), self.assets.clyde
+        self._cells[0, number, 0], _ = step_of(moving, cells.position, cells.graph)
 
     def pellets(self, shown: Mapping[int, tuple[float, float]], power: Collection[int] = ()) -> Pellets:
         """Compare reported pellets (positions by id) with the map; positions may differ by one cell edge.

@@ -20,7 +20,7 @@ from pacman_env.game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS
 from pacman_env.game.execution import NO_CHOICE, goal_of
 from pacman_env.game.ghosts import choose_target, ghost_stream, spawn
 from pacman_env.game.power import AWAY_UNTIL, HARMLESS_UNTIL
-from pacman_env.levels.ghost_cells import find_path, nearest_positions
+from pacman_env.levels.ghost_cells import find_path, step_of
 from pacman_env.levels.level import Level, LevelFacts, level_arrays
 from pacman_env.levels.level_source import FixedMap
 from pacman_env.observations.situation import AWAY_S, FRIGHTENED_S, PELLET, REFUGE, Situation, maps_of, situation_arrays
@@ -121,32 +121,6 @@ def _continue_goal(a, i, current, level):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _step_of(seen, level):  # type: ignore[no-untyped-def]
-    """Return the cell that a ghost has passed and the one that it walks to, from its row (5,) of ``Situation.ghosts``.
-
-    Both are the same if it stands on a cell.
-    """
-    x, y = seen[0], seen[1]
-    (at,), (least,) = nearest_positions(level.ghost_xy, np.array([[x, y]]))
-    passed = ahead = at
-    if least < 1e-12:
-        return passed, ahead
-    for d in range(8):
-        beside = level.ghost_graph[at, d]
-        if beside < 0:
-            continue
-        dx, dy = level.ghost_xy[beside, 0] - level.ghost_xy[at, 0], level.ghost_xy[beside, 1] - level.ghost_xy[at, 1]
-        px, py = x - level.ghost_xy[at, 0], y - level.ghost_xy[at, 1]
-        share = min(max((px * dx + py * dy) / (dx * dx + dy * dy), 0.0), 1.0)
-        off = (px - share * dx) ** 2 + (py - share * dy) ** 2
-        if off < least:
-            least = off
-            forward = seen[2] * dx + seen[3] * dy >= 0.0
-            passed, ahead = (at, beside) if forward else (beside, at)
-    return passed, ahead
-
-
-@kernel
 def _draw_behaviour(belief, k, i, count, state):  # type: ignore[no-untyped-def]
     """Return the behaviour of ghost k in future i of ``count``, in ``BELIEVED``; ``other`` becomes wandering."""
     at = (state >> np.uint64(11)) * (1.0 / 9007199254740992.0) + i * (2 * k + 1) / count
@@ -211,7 +185,7 @@ def _start(table, situation, j, count):  # type: ignore[no-untyped-def]
     level = level_arrays(a.rules.levels[0])
     steps = np.empty((ghosts.ghosts.shape[1], 2), np.int32)  # the cells between which each ghost is
     for k in range(len(steps)):
-        steps[k] = _step_of(s.ghosts[j, k], level)
+        steps[k] = step_of(s.ghosts[j, k], level.ghost_xy, level.ghost_graph)
     for i in range(count):
         _place_robot(a, i, s, j)
         _set_goals(a, i, s, j)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config
+from pacman_env.config import Config, RewardConfig
 from pacman_env.game.ends import CAUGHT, RUNNING
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
@@ -24,7 +24,7 @@ from pacman_env.sim.batch import ALL_TICKS, GameBatch
 from .games_from import games_for, games_from
 
 #: Rewards in the futures and their scale: those of the training of ``ppo``, so that its values continue them.
-_REWARDS = {"reward.timeout": -10.0, "decisions.discount_per_s": 0.998}
+_REWARDS = {"reward": RewardConfig(timeout=-10.0), "decisions.discount_per_s": 0.998}
 _SCALE = 0.2
 _TIE = 1e-9  # by which another candidate must be better than the base's choice
 _UNTRIED = 1.0  # by which the score of a candidate that was not tried is lower than the lowest of the tried ones
