@@ -263,10 +263,6 @@ class DecisionConfig(Checked, group="decisions"):
         2.0, "event: a ghost that comes within this straight distance causes a choice ..."
     )
     threat_longest_s: Positive = setting(1.0, "... and while it is that near, the longest time between two choices")
-    limit_s: Positive = setting(
-        0.15,
-        "on a robot, the time after which a policy that simulates futures must choose [I]; simulators read no clock",
-    )
     discount_per_s: Annotated[float, Meta(gt=0, le=1)] = setting(
         1.0, "discount of rewards between two decisions with when = event, and of reward.progress in all cases"
     )

@@ -20,7 +20,7 @@ from pacman_env.levels.assets import MapAssets
 from pacman_env.levels.level_source import LevelSource
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
-from pacman_env.policies.base import Policy, keeps_state
+from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy, split_ghosts
 from pacman_env.sim.batch import GameBatch
@@ -151,7 +151,8 @@ def play_in(
 
 def _choices(policy: Policy, situation: Situation, playing: NDArray[np.int64], hold: int) -> NDArray[np.int64]:
     """Return the policy's choice for each game (N,); a policy without state only decides for the games ``playing``."""
-    if len(playing) == len(situation) or keeps_state(policy):
+    stateless = getattr(type(policy), "reset", None) is BasePolicy.reset
+    if len(playing) == len(situation) or not stateless:  # a policy with state must see all games
         return choose(policy, situation)
     choices = np.full(len(situation), hold)
     choices[playing] = choose(policy, situation.rows(playing))

@@ -1,7 +1,7 @@
 """Protocol of policies, which choose goals, and a base class for most of them."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Protocol
 
 import numpy as np
@@ -37,12 +37,6 @@ class Policy(Protocol):
         """Return the terms of each score as dicts [game][candidate]; must not change the policy's state."""
 
 
-def keeps_state(policy: Policy) -> bool:
-    """Return True if a policy must see each decision of a game: it defines ``reset``, and is not marked stateless."""
-    kind = type(policy)
-    return getattr(kind, "reset", None) is not BasePolicy.reset and not getattr(kind, "stateless", False)
-
-
 def require_numbers(parameters: Mapping[str, float], above_0: Collection[str] = ()) -> None:
     """Raise ValueError for a parameter of a policy that is not finite or below 0, or 0 if it is among ``above_0``."""
     for name, value in parameters.items():
@@ -69,8 +63,6 @@ class BasePolicy:
 
     name: str
     config = make_config()  #: configuration of the games, set by the last reset
-    stateless = False  #: True if a class that defines ``reset`` needs no earlier decisions of a game
-    clock_s: Callable[[], float] | None = None  #: a robot's clock, s, for policies that obey ``decisions.limit_s``
 
     def reset(self, games: NDArray[np.bool_], config: Config) -> None:
         """Store the configuration; this policy has no state of the games (N,) to forget."""

@@ -89,15 +89,6 @@ class LearnedPlanner(BasePolicy):
             raise PolicyError(f"policy {self.name!r}: {self.path}: outputs: found {found}, expected {expected}")
         return logits, values
 
-    def judge_together(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return logits (N, C), -inf for forbidden candidates, and values (N,), from one run for all situations.
-
-        This is several times faster than :meth:`scores`, but the last bits of a game depend on the others.
-        """
-        candidates, whole = planner_features(situation, self.metadata.robot_speed_mps)
-        logits, values = self.run(candidates, whole, situation.mask)
-        return np.where(situation.mask, logits, -np.inf).astype(np.float64), values.astype(np.float64)
-
     def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
         """Return logits (N, C), values (N,) and the candidates' features (N, C, F).
 

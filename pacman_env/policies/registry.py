@@ -25,8 +25,6 @@ POLICIES: Registry[Callable[..., Policy]] = Registry(
         "ppo": LearnedPlanner,
         "random": "pacman_env.heuristics.simple:Random",
         "random_pellet": "pacman_env.heuristics.simple:RandomPellet",
-        "rollouts": "pacman_env.heuristics.rollouts.rollouts:Rollouts",
-        "rollouts:lookahead": "pacman_env.heuristics.rollouts.rollouts:of_lookahead",
         "search": "pacman_env.heuristics.search.search:Search",
         "search:alone": "pacman_env.heuristics.search.search:alone",
     },

@@ -218,9 +218,8 @@ class GameBatch(GameState):
         forbidden: NDArray[np.bool_],
         choose_for_ghosts: Callable[[], NDArray[Any] | None] | None = None,
         played: NDArray[np.bool_] | None = None,
-        most: int = ALL_TICKS,
     ) -> None:
-        """Play each game until its next decision is due, at most ``most`` ticks; games that wait stand still.
+        """Play each game until its next decision is due; games that wait for others stand still.
 
         After a ``forbidden`` (N,) choice, the next decision is due after one tick. ``reward`` is the discounted sum of
         the rewards of the ticks, ``elapsed_s`` the time since the decision. ``choose_for_ghosts`` is called before each
@@ -229,7 +228,7 @@ class GameBatch(GameState):
         self._set_actions(actions)
         self._ghosts.send(None)
         self.completed_s.fill(0.0)
-        self.begin_decisions(most, played)
+        self.begin_decisions(ALL_TICKS, played)
         self._ticks[forbidden & (self._ticks > 0)] = 1
         if choose_for_ghosts is not None:
             self._control["ticks"][0] = 1

@@ -18,7 +18,7 @@ from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.levels.level_source import LevelSource
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
-from pacman_env.policies.base import KIND_NAMES, Policy, keeps_state, reach
+from pacman_env.policies.base import KIND_NAMES, Policy, reach
 from pacman_env.policies.policy_calls import PolicyError, choose
 from pacman_env.policies.registry import make_policy
 from pacman_env.sim.batch import GameBatch
@@ -261,7 +261,7 @@ class PlayedRound:
         policies = [make_policy(name) for name in self.names]
         for policy in policies:
             policy.reset(_ALL, self.config)
-            for earlier in self.situations[:tick] if keeps_state(policy) else ():
+            for earlier in self.situations[:tick]:
                 _choice(policy, earlier)
         return self._terms(situation, policies, self.choices[tick][0] if tick < self.ticks else -1)
 

@@ -25,7 +25,7 @@ from pacman_env.world.maps.occupancy import MapError, OccupancyMap, load_map, re
 GENERATED = "generated"
 #: Groups of the configuration in the page's form. Other groups are elsewhere on the page, or only learners need them.
 _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "power", "execution", "refuges")
-_VARIANTS = ("clyde_aware:documented", "rollouts:lookahead", "search:alone")  # policies for measurements, not listed
+_VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _MOST_MAPS = 20  # uploaded maps
 _LONGEST_S = 3600.0  # limit of a round, because all ticks are stored

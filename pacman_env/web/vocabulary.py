@@ -32,8 +32,6 @@ TERMS = {
     "score": ("score", "", 1),
     "probability": ("probability", "%", 100),
     "value": ("expected reward", "", 1),
-    "return": ("reward in its futures", "", 1),
-    "caught_in_futures": ("catch in its futures", "%", 100),
     "path_robot": ("robot's path", "m", 5),
     "path_clyde": ("ghost's path", "m", 5),
     "time_margin": ("ghost later by", "s", 20),

@@ -20,8 +20,7 @@ def planner(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return random_planner(tmp_path_factory.mktemp("planner"), "ppo")
 
 
-# Roll-outs keep the contract with fewer futures, in their own tests.
-@pytest.mark.parametrize("name", [name for name in policy_names() if not name.startswith("rollouts")])
+@pytest.mark.parametrize("name", policy_names())
 class TestEveryPolicyByName(PolicyContract):
     @pytest.fixture(autouse=True)
     def _name(self, name: str) -> None:

@@ -16,7 +16,6 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "features": ("observations",),
     "engine": ("game", "rng.py", "levels", "sim", "world"),
     "policies": ("heuristics", "policies"),
-    "roll-outs": ("heuristics/rollouts",),
     "search": ("heuristics/search", "levels/coarse_map.py", "sim/coarse_model.py", "observations/coarse_start.py"),
     "environments": ("envs",),
     "evaluation": ("episodes", "evaluation/rounds", "executors"),

@@ -9,7 +9,7 @@ import numpy as np
 from pacman_env.config import Config
 from pacman_env.game.behaviour_belief import CHASES
 from pacman_env.observations.robot_view import RobotView
-from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.base import Policy
 from pacman_env.policies.policy_calls import choose, name_of, reset, scores
 
 SLOW_S = 1.0  # a slower choice is discarded, because robot and ghosts have moved
@@ -26,8 +26,6 @@ def rehearse(
     situation, first = view.sample_situation(), np.ones(1, np.bool_)
     chased = situation.copy()
     chased.belief[...] = np.eye(chased.belief.shape[-1])[CHASES]
-    if isinstance(policy, BasePolicy):
-        policy.clock_s = clock_s
     reset(policy, first, config)
     fastest_s = math.inf
     for seen in (situation, chased, situation):  # the first calls may compile

@@ -13,27 +13,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config
-from pacman_env.engine.jit import kernel
-from pacman_env.engine.native import address_of
-from pacman_env.game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS
-from pacman_env.game.execution import NO_CHOICE, goal_of
-from pacman_env.game.ghosts import choose_target, ghost_stream, spawn
-from pacman_env.game.power import AWAY_UNTIL, HARMLESS_UNTIL
-from pacman_env.levels.ghost_cells import find_path, step_of
-from pacman_env.levels.level import Level, LevelFacts, level_arrays
-from pacman_env.levels.level_source import FixedMap
-from pacman_env.observations.situation import AWAY_S, FRIGHTENED_S, PELLET, REFUGE, Situation, maps_of, situation_arrays
-from pacman_env.rng import POLICY, below, stream
-from pacman_env.sim.batch import GameBatch
-from pacman_env.sim.ghost_state import ghost_arrays
-from pacman_env.sim.kernels import believed, nearest, reset_robot, see_ghosts
-from pacman_env.sim.parameters import draw_episodes
-from pacman_env.sim.ticks import tick_arrays
-from pacman_env.world.navigation import navigator
-from pacman_env.world.navigation.controller import refresh_heading
-from pacman_env.world.navigation.localization import wrap
-from pacman_env.world.navigation.physics import place
+from ..config import Config
+from ..engine.jit import kernel
+from ..engine.native import address_of
+from ..game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS
+from ..game.execution import NO_CHOICE, goal_of
+from ..game.ghosts import choose_target, ghost_stream, spawn
+from ..game.power import AWAY_UNTIL, HARMLESS_UNTIL
+from ..levels.ghost_cells import find_path, step_of
+from ..levels.level import Level, LevelFacts, level_arrays
+from ..levels.level_source import FixedMap
+from ..rng import POLICY, below, stream
+from ..sim.batch import GameBatch
+from ..sim.ghost_state import ghost_arrays
+from ..sim.kernels import believed, nearest, reset_robot, see_ghosts
+from ..sim.parameters import draw_episodes
+from ..sim.ticks import tick_arrays
+from ..world.navigation import navigator
+from ..world.navigation.controller import refresh_heading
+from ..world.navigation.localization import wrap
+from ..world.navigation.physics import place
+from .situation import AWAY_S, FRIGHTENED_S, PELLET, REFUGE, Situation, maps_of, situation_arrays
 
 _TRIES = 24  # targets drawn for a wandering ghost until one agrees with its present step
 

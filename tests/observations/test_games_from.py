@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pacman_env.config import Config, make_config
 from pacman_env.game.behaviour_belief import ARCADE, CHASES, OTHER, WANDERS
-from pacman_env.heuristics.rollouts.games_from import games_for, games_from
+from pacman_env.observations.games_from import games_for, games_from
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.sim.batch import GameBatch

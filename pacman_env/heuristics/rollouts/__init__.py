@@ -1,1 +1,0 @@
-"""The policy ``rollouts`` and the games that it plays."""
