@@ -126,7 +126,7 @@ class Search(BasePolicy):
         names = list(self.config.clyde.ghosts)
         for k, (name, belief) in enumerate(zip(names, believed, strict=True)):
             if self._by_belief or name == POLICY:
-                names[k] = BELIEVED[taken_for(belief)]
+                names[k] = WANDER if situation.harmless[i, k] else BELIEVED[taken_for(belief)]
         return tuple(names)
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
