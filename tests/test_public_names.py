@@ -36,6 +36,7 @@ PROGRAMS = (
     "bound.py",
     "blocks.py",
     "pursuit.py",
+    "rollouts.py",
 )
 SOURCES = {
     **{f"{page.name}-{k}": example for page in PAGES for k, example in enumerate(examples(page))},

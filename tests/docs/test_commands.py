@@ -33,6 +33,7 @@ COPIES = {
     Path("maps", "house.pgm"): ["house.pgm"],
     PLANNERS / "ppo.onnx": ["planner.onnx", "runs/mine.onnx", "results/seed2/planner.onnx"],
     PLANNERS / "clyde.onnx": ["results/adversary/clyde-3.onnx", "results/exploiter/clyde-1.onnx"],
+    Path("docs", "examples", "rollouts.py"): ["rollouts.py"],
     Path("tests", "docs", "exercise_solutions.py"): ["docs/exercises/tasks.py", "ada.py", "handed_in/ada.py"],
 }
 
