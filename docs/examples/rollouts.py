@@ -2,7 +2,7 @@
 
 In each game the robot drives to a candidate first, and then the base policy plays. All candidates meet the same drawn
 futures. Another choice than the base's needs a significantly better mean return (rollout algorithm: Bertsekas,
-Tsitsiklis and Wu, 1997). In this folder: ``pacman-env compare --policies ppo rollouts:Rollouts --clyde-speed 0.45``
+Tsitsiklis and Wu, 1997). With this folder on ``PYTHONPATH``, its name in commands is ``rollouts:Rollouts``.
 """
 
 from typing import Any, NamedTuple
