@@ -22,7 +22,7 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.rng import POLICY, stream
 from pacman_env.sim.batch import GameBatch
 
-#: Rewards in the futures and their scale: those of the training of ``ppo``, so that its values continue them.
+#: Rewards in the futures and their scale, as in the training of ``ppo``, so that its values continue them.
 _REWARDS = {"reward": RewardConfig(timeout=-10.0), "decisions.discount_per_s": 0.998}
 _SCALE = 0.2
 _TIE = 1e-9  # by which another candidate must be better than the base's choice
@@ -43,7 +43,7 @@ class RolloutParameters(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """What the futures of one situation showed about K candidates, the base's choice first."""
+    """Holds the results of the futures of one situation for K candidates, the base's choice first."""
 
     candidates: NDArray[np.int64]  # (K,)
     returns: NDArray[np.float64]  # (K, M); NaN: not played

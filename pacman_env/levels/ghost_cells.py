@@ -110,8 +110,8 @@ def nearest_positions(position, places):  # type: ignore[no-untyped-def]
 def step_of(moving, position, graph):  # type: ignore[no-untyped-def]
     """Return the cell that a ghost passed last and the cell that it walks to; on a cell, both are this cell.
 
-    ``moving`` begins with x, y, m, and its velocity along x and y; ``position`` (K, 2), m, and ``graph`` (K, 16) are
-    those of ``ClydeCells``.
+    ``moving`` begins with its x and y, m, and its velocity along x and y, m/s. ``position`` (K, 2), m, and ``graph``
+    (K, 16) belong to ``ClydeCells``.
     """
     (at,), (least,) = nearest_positions(position, moving[:2].copy().reshape((1, 2)))
     passed = ahead = at
@@ -119,15 +119,15 @@ def step_of(moving, position, graph):  # type: ignore[no-untyped-def]
         return passed, ahead
     px, py = moving[0] - position[at, 0], moving[1] - position[at, 1]
     for d in range(8):
-        beside = graph[at, d]
-        if beside < 0:
+        neighbour = graph[at, d]
+        if neighbour < 0:
             continue
-        dx, dy = position[beside, 0] - position[at, 0], position[beside, 1] - position[at, 1]
+        dx, dy = position[neighbour, 0] - position[at, 0], position[neighbour, 1] - position[at, 1]
         share = min(max((px * dx + py * dy) / (dx * dx + dy * dy), 0.0), 1.0)
         off = (px - share * dx) ** 2 + (py - share * dy) ** 2
         if off < least:
             least = off
-            passed, ahead = (at, beside) if moving[2] * dx + moving[3] * dy >= 0.0 else (beside, at)
+            passed, ahead = (at, neighbour) if moving[2] * dx + moving[3] * dy >= 0.0 else (neighbour, at)
     return passed, ahead
 
 

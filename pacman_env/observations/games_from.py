@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..engine.jit import kernel
 from ..engine.native import address_of
-from ..game.behaviour_belief import ARCADE, BELIEVED, CHASES, WANDERS
+from ..game.behaviour_belief import ARCADE, CHASES, WANDERS
 from ..game.execution import NO_CHOICE, goal_of
 from ..game.ghosts import choose_target, ghost_stream, spawn
 from ..game.power import AWAY_UNTIL, HARMLESS_UNTIL
@@ -63,7 +63,7 @@ def games_for(situation: Situation, config: Config, n: int) -> GameBatch:
     )
     sizes = maps.sizes._replace(pellets=pellets, refuges=refuges)
     batch = GameBatch(KnownLevel(level, sizes, config), config, n)
-    batch.compile_behaviours({BELIEVED[ARCADE], BELIEVED[CHASES]})
+    batch.compile_behaviours((ARCADE, CHASES))
     return batch
 
 
@@ -180,6 +180,10 @@ def _place_ghost(ghosts, i, k, s, j, count, step, level):  # type: ignore[no-unt
 
 @kernel
 def _start(table, situation, j, count):  # type: ignore[no-untyped-def]
+    """Start the first ``count`` games of a batch in situation j.
+
+    ``table`` and ``situation`` are the addresses of ``TickArrays`` and ``SituationArrays``.
+    """
     a, s = tick_arrays(table), situation_arrays(situation)
     ghosts = ghost_arrays(address_of(a.ghosts))
     level = level_arrays(a.rules.levels[0])
@@ -202,7 +206,8 @@ def _start(table, situation, j, count):  # type: ignore[no-untyped-def]
 def games_from(situation: Situation, i: int, batch: GameBatch, seeds: NDArray[np.uint64]) -> None:
     """Start a game from situation ``i`` in the first games of ``batch``, one for each of ``seeds`` (M,).
 
-    ``batch`` is made by :func:`games_for`. Games with equal seeds are equal.
+    ``batch`` is made by :func:`games_for`. Equal ``seeds`` give equal games; the shares of the ghosts' behaviours are
+    kept over all M games, so the behaviours in a game also depend on the first seed and on M.
     """
     level = maps_of(situation).level(int(situation.level[i]))
     if batch.levels.level(0) is not level:

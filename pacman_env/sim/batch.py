@@ -117,9 +117,9 @@ class GameBatch(GameState):
             array[index] = rows[name]
         self.games["level"][index] = np.maximum(self._levels.slots[index], 0)  # this batch has its own slots
 
-    def compile_behaviours(self, names: Collection[str]) -> None:
-        """Compile behaviours, so that the field ``behaviour`` of ghosts may select them in some of the games."""
-        self._ghosts.compile_behaviours(names)
+    def compile_behaviours(self, indices: Collection[int]) -> None:
+        """Compile behaviours by index in ``BEHAVIOUR_NAMES``, so that ``behaviour`` of a ghost may select them."""
+        self._ghosts.compile_behaviours(indices)
 
     def reset(
         self, index: NDArray[np.int64], seeds: NDArray[np.uint64], levels: NDArray[np.int64] | None = None

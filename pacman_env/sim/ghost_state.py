@@ -269,11 +269,11 @@ class Ghosts:
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
 
-    def compile_behaviours(self, names: Collection[str]) -> None:
-        """Compile behaviours among ``BEHAVIOUR_NAMES``, so that ``behaviour`` of a ghost's record may select them."""
-        for k, name in enumerate(BEHAVIOUR_NAMES):
+    def compile_behaviours(self, indices: Collection[int]) -> None:
+        """Compile behaviours by index in ``BEHAVIOUR_NAMES``, so that ``behaviour`` of a ghost may select them."""
+        for k in indices:
             row = len(self.wander_first) + k
-            if name in names and row not in self._used:
+            if row not in self._used:
                 self._use(row, _TABLE[k])
 
     def send(self, choices: NDArray[Any] | None) -> None:
@@ -295,7 +295,7 @@ class Ghosts:
             wrong = value[bad[0]].tolist()
             raise ValueError(f"ghost choices {wrong} of game {bad[0]}: candidates are 0 to {self._hold}")
         self.choices[:] = sent
-        self.compile_behaviours({BEHAVIOUR_NAMES[k] for k in set(value[kind == AS_BEHAVIOUR].tolist())})
+        self.compile_behaviours(set(value[kind == AS_BEHAVIOUR].tolist()))
 
     def bind(self, levels: LevelSlots, hold: int) -> None:
         """Set the levels that the ghosts walk on and the number ``hold`` of the candidate "hold"; erase all paths."""
