@@ -46,11 +46,11 @@ _HEAD = np.dtype(
 
 
 class LevelFiles:
-    """Files of the houses of one configuration, enlarged by the factor ``scale``."""
+    """Files of the houses of one configuration and family."""
 
-    def __init__(self, config: Config, scale: int) -> None:
+    def __init__(self, config: Config, family: str) -> None:
         own = {"radius": config.robot.radius_m, "power": config.power.pellets}  # change levels, not prepared maps
-        numbers = {"scale": scale, **own, "format": str(_HEAD)}
+        numbers = {"family": family, **own, "format": str(_HEAD)}
         self.key = hashlib.sha256(f"{configuration_key(config)}{numbers}".encode()).hexdigest()[:32]
 
     @functools.cached_property

@@ -5,7 +5,6 @@ Level numbers separate training from test houses.
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import numbers
 from collections.abc import Sequence
@@ -16,13 +15,12 @@ from numpy.typing import NDArray
 
 from ..config import Config, ConfigError
 from ..rng import LEVEL
-from ..world.maps.house_survey import MAX_PIXELS
-from ..world.maps.houses import MAX_EXTENT_M, draw_house
 from ..world.maps.occupancy import MapError
 from ..world.navigation.paths import UNREACHABLE_CM
 from .assets import MapAssets, map_assets, prepare_map
 from .draws import draw_below
 from .ghost_cells import nearest_positions
+from .house_families import FAMILIES, HOUSES, LONG_HOUSES, HouseFamily
 from .level import Level, LevelFacts
 from .level_files import LevelFiles
 
@@ -85,27 +83,34 @@ TEST_LEVEL = 1_000_000  # first test level
 TEST_LEVELS = 1000
 #: Numbers of houses to draw from by default; these houses are cached on disk.
 TRAIN_SET, TEST_SET = 1000, 200
+#: First level, number of levels, and number of houses to draw from by default.
+_TRAIN, _TEST = (0, TEST_LEVEL, TRAIN_SET), (TEST_LEVEL, TEST_LEVELS, TEST_SET)
+SPLITS = FAMILIES | {"generated:train": HOUSES, "generated:test": HOUSES, "generated:long:test": LONG_HOUSES}
 _MOST_KEPT = 20_000  # larger sets are not cached
 _ATTEMPTS = 60
+_MOST_CELLS = 90_000  # drivable cells or ghost cells, 225 m2
 _LONGEST_GHOST_WAY = 4096  # cells; at most 863 in the first 80 levels
 _SPARE_SLOTS = 64  # every level gets a slot if that takes at most this many slots more than games
 _NEAR_M, _NEAR_SHARE = 0.5, 0.75  # ghosts can come within this distance of this share of the pellets
-_PELLETS = (4, 16)  # fewest and most pellets of a house at a spacing of 2 m
-WIDE = 2  # factor of length and width
 
 
 class GeneratedMaps:
-    """Generated houses ``start_level`` to ``start_level + num_levels - 1``, enlarged by the factor ``scale``."""
+    """Generated houses ``start_level`` to ``start_level + num_levels - 1`` of a family."""
 
     def __init__(
-        self, config: Config, start_level: int, num_levels: int, scale: int = 1, room: int | None = None
+        self,
+        config: Config,
+        start_level: int,
+        num_levels: int,
+        family: HouseFamily = HOUSES,
+        room: int | None = None,
     ) -> None:
         """Check the levels; ``room`` is how many levels can be requested by number (None: ``num_levels``)."""
         if start_level < 0:
             raise ConfigError(f"start_level = {start_level}: must be at least 0")
         if num_levels < 1:
             raise ConfigError(f"num_levels = {num_levels}: must be at least 1")
-        self._config, self.start_level, self.num_levels, self.scale = config, start_level, num_levels, scale
+        self._config, self.start_level, self.num_levels, self.family = config, start_level, num_levels, family
         self._room = num_levels if room is None else room
 
     @classmethod
@@ -120,24 +125,18 @@ class GeneratedMaps:
         if config.home is not None:
             raise ConfigError("home: generated houses have home poses of their own")
         split, _, listed = name.rpartition(":")
-        if split in ("generated", "generated:wide") and listed[:1].isdigit():
+        if split in FAMILIES and listed[:1].isdigit():
             if config.start_level is not None or config.num_levels is not None:
                 raise ConfigError(f"start_level and num_levels: map = {name!r} names its levels")
-            return ListedMaps(config, _numbers(listed, name), WIDE if split == "generated:wide" else 1)
+            return ListedMaps(config, _numbers(listed, name), FAMILIES[split])
         start_level = config.start_level if start_level is None else start_level
         num_levels = config.num_levels if num_levels is None else num_levels
         for field_name, number in (("start_level", start_level), ("num_levels", num_levels)):
             if number is not None and (not isinstance(number, numbers.Integral) or isinstance(number, bool)):
                 raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
-        splits = {
-            "generated": (0, TEST_LEVEL, TRAIN_SET),
-            "generated:train": (0, TEST_LEVEL, TRAIN_SET),
-            "generated:wide": (0, TEST_LEVEL, TRAIN_SET),
-            "generated:test": (TEST_LEVEL, TEST_LEVELS, TEST_SET),
-        }
-        if name not in splits:
-            raise ConfigError(f"map = {name!r}: choose one of {', '.join(splits)}")
-        first, count, usual = splits[name]
+        if name not in SPLITS:
+            raise ConfigError(f"map = {name!r}: choose one of {', '.join(SPLITS)}")
+        first, count, usual = _TEST if name.endswith(":test") else _TRAIN
         start = first if start_level is None else start_level
         if not first <= start < first + count:
             raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
@@ -145,8 +144,7 @@ class GeneratedMaps:
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
         drawn = usual if start_level is None and num_levels is None else num_levels or room
-        scale = WIDE if name == "generated:wide" else 1
-        return cls(config, int(start), int(drawn), scale, room if num_levels is None else None)
+        return cls(config, int(start), int(drawn), SPLITS[name], room if num_levels is None else None)
 
     def __getstate__(self) -> dict[str, Any]:
         """Omit the first map, which is prepared again on demand, and the cache folder of this process."""
@@ -154,7 +152,7 @@ class GeneratedMaps:
 
     @functools.cached_property
     def first(self) -> MapAssets:
-        return prepare_level(self.start_level, self._config, self.scale)
+        return prepare_level(self.start_level, self._config, self.family)
 
     def slots(self, games: int) -> int:
         """Return the number of slots: one per game, or one per level if there are few levels.
@@ -175,12 +173,12 @@ class GeneratedMaps:
 
     def most(self, config: Config) -> LevelFacts:
         refuges = 1 + config.refuges.nooks + config.refuges.spread  # home, nooks and spread-out places
-        cells = MAX_PIXELS**2
-        return LevelFacts(most_pellets(config, self.scale), refuges, cells, UNREACHABLE_CM, cells, _LONGEST_GHOST_WAY)
+        pellets = self.family.most_pellets(config)
+        return LevelFacts(pellets, refuges, _MOST_CELLS, UNREACHABLE_CM, _MOST_CELLS, _LONGEST_GHOST_WAY)
 
     def prepare(self, level: int) -> Level:
         """Return a level; load it from its file if it was prepared and cached before."""
-        prepare = functools.partial(prepare_level, level, self._config, self.scale)
+        prepare = functools.partial(prepare_level, level, self._config, self.family)
         cached = self.files.load(level, prepare) if self._is_kept(level) else None
         if cached is None:
             cached = Level.of(self.first if level == self.start_level else prepare(), self._config)
@@ -190,7 +188,7 @@ class GeneratedMaps:
 
     @functools.cached_property
     def files(self) -> LevelFiles:
-        return LevelFiles(self._config, self.scale)
+        return LevelFiles(self._config, self.family.name)
 
     def _is_kept(self, level: int) -> bool:
         """Return True if a level is cached on disk once it is prepared.
@@ -203,15 +201,15 @@ class GeneratedMaps:
         return level - first < max(own, TEST_SET if first else TRAIN_SET)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        most = self.scale * MAX_EXTENT_M  # extent of the largest possible house
+        most = self.family.extent_m
         return (-most, most), (-most, most)
 
 
 class ListedMaps(GeneratedMaps):
     """A list of levels that are drawn with equal probability; duplicates count."""
 
-    def __init__(self, config: Config, levels: Sequence[int], scale: int = 1) -> None:
-        super().__init__(config, levels[0], len(levels), scale)
+    def __init__(self, config: Config, levels: Sequence[int], family: HouseFamily = HOUSES) -> None:
+        super().__init__(config, levels[0], len(levels), family)
         self.levels = np.array(levels, dtype=np.int64)
 
     def levels_of(self, seeds: NDArray[np.uint64]) -> NDArray[np.int64]:
@@ -237,38 +235,28 @@ def _numbers(listed: str, name: str) -> list[int]:
     return levels
 
 
-def most_pellets(config: Config, scale: int = 1) -> int:
-    """Return the largest allowed number of pellets of a generated house: 16 at the original spacing."""
-    limit = round(_PELLETS[1] * max(1.0, (2.0 * scale / config.pellets.spacing_m) ** 2))
-    return limit if config.max_pellets is None else min(limit, config.max_pellets)
-
-
-def prepare_level(level: int, config: Config, scale: int = 1) -> MapAssets:
+def prepare_level(level: int, config: Config, family: HouseFamily = HOUSES) -> MapAssets:
     """Return the first house of a level whose pellets robot and ghosts can reach. Raises MapError if there is none."""
     reason = ""
     for attempt in range(_ATTEMPTS):
-        house = draw_house(level, attempt)
-        if scale != 1:
-            x, y, yaw = house.origin
-            size: dict[str, Any] = {"resolution": scale * house.resolution, "origin": (scale * x, scale * y, yaw)}
-            house = dataclasses.replace(house, name=f"{house.name}-wide", **size)
         try:
-            assets = prepare_map(house, config)
+            assets = prepare_map(family.draw(level, attempt), config)
         except (MapError, ConfigError) as error:
             reason = str(error)
             continue
-        reason = _objection(assets, config, scale)
+        reason = _objection(assets, config, family)
         if not reason:
             return assets
-    raise MapError(f"generated level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
+    raise MapError(f"{family.name} level {level}: none of {_ATTEMPTS} houses can be played; the last: {reason}")
 
 
-def _objection(assets: MapAssets, config: Config, scale: int) -> str:
-    fewest = min(_PELLETS[0], round(_PELLETS[0] * (2.0 * scale / config.pellets.spacing_m) ** 2)) or 1
-    if not fewest <= assets.pellets <= most_pellets(config, scale):
+def _objection(assets: MapAssets, config: Config, family: HouseFamily) -> str:
+    if not family.fewest_pellets(config) <= assets.pellets <= family.most_pellets(config):
         return f"{assets.pellets} pellets"
     if config.pellets.reachable_only and len(assets.dropped_ids) > 0:
         return f"{len(assets.dropped_ids)} pellets out of reach"
+    if (cells := max(len(assets.cell_xy), len(assets.clyde.part))) > _MOST_CELLS:
+        return f"{cells} cells"
     if assets.clyde.longest > _LONGEST_GHOST_WAY:
         return f"a path of ghosts of up to {assets.clyde.longest} cells"
     reached = assets.clyde.position[assets.clyde.cells_in(assets.clyde_part)]

@@ -16,7 +16,7 @@ from pacman_env.engine.cores import cores
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.episodes.decisions import allowed
 from pacman_env.game.ghosts import GHOST_NAMES, POLICY, WANDER
-from pacman_env.levels.level_source import WIDE
+from pacman_env.levels.house_families import WIDE
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy

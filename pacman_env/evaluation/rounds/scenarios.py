@@ -23,6 +23,7 @@ from pacman_env.config import EXECUTIONS, ClydeConfig, Config, ConfigError, make
 from pacman_env.config.validation import require
 from pacman_env.files import displayable, install_command
 from pacman_env.levels.assets import MapAssets, map_assets
+from pacman_env.levels.house_families import HouseFamily
 from pacman_env.levels.level import Level
 from pacman_env.levels.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 from pacman_env.levels.round_time import time_warning
@@ -32,9 +33,9 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
-_SPLITS = ("train", "test")
+_SPLITS = ("train", "test", "long", "long:test")
 _POLICY_FILES = (".onnx", ".zip")
-_CACHED_LEVELS = 100  # most cached levels of a process, about 4 MB each
+_CACHED_LEVELS = 100  # most cached levels of a process, about 4 MB each, or 12 MB with long corridors
 _LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of levels
 
 
@@ -42,7 +43,7 @@ _LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of l
 class Levels:
     """Generated houses of one split, which count as one map; each round's seed draws one house."""
 
-    split: str  # "test" or "train"
+    split: str  # one of ``_SPLITS``
     start: int | None = None  # number of the first level; None: the split's first level
     count: int = LEVELS_PLAYED
 
@@ -62,12 +63,12 @@ class _CachedMaps(GeneratedMaps):
     def prepare(self, level: int) -> Level:
         # Fields in which the configurations of a comparison differ; they do not affect a map.
         changes = {"clyde.speed_mps": 0.0, "clyde.ghosts": ("wander",), "endless": False}
-        return _prepared(level, self._config.with_fields(**changes))
+        return _prepared(level, self._config.with_fields(**changes), self.family)
 
 
 @functools.lru_cache(maxsize=_CACHED_LEVELS)
-def _prepared(level: int, config: Config) -> Level:
-    return Level.of(prepare_level(level, config), config)
+def _prepared(level: int, config: Config, family: HouseFamily) -> Level:
+    return Level.of(prepare_level(level, config, family), config)
 
 
 def open_scenario(scenario: Scenario | OccupancyMap, config: Config) -> LevelSource:

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .house_survey import Shape
+
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1 in m, building frame: (0, 0) is the lower left corner
 
 OUTLINE_M2 = (54.0, 76.0)  # area of the building, including corners and cores that are cut out
@@ -48,6 +50,9 @@ class Floor(NamedTuple):
     halls: frozenset[int] = frozenset()  # indices of corridors
     core: Rect | None = None  # a shaft or a staircase, closed
     wide: tuple[int, int] | None = None  # living room and kitchen, if they are open to each other
+    roles: Sequence[str] = ()  # keys of the furniture table by room; empty: chosen from the size
+    bends: Sequence[Shape] = ()  # turned pieces of corridors, measured like rooms
+    seats: Sequence[Shape] = ()  # rows of seats
 
 
 class Wall(NamedTuple):
@@ -99,7 +104,7 @@ def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: flo
     rooms = floor.rooms
     hubs = floor.halls or {max(range(len(rooms)), key=lambda k: area(rooms[k]))}
     burden = {}  # walls with a low burden get doors first
-    for w in _shared_walls(rooms, corner, door):
+    for w in shared_walls(rooms, corner, door):
         pair = {w.a, w.b}
         small = sum(area(rooms[k]) < _SMALL_M2 for k in pair - floor.halls)
         burden[w] = (
@@ -126,7 +131,7 @@ def _choose_doors(dice: Dice, floor: Floor, loops: int, corner: float, door: flo
     return doors if len(set(group)) == 1 and len(doors) == target else []
 
 
-def _shared_walls(rooms: list[Rect], corner: float, door: float) -> list[Wall]:
+def shared_walls(rooms: list[Rect], corner: float, door: float) -> list[Wall]:
     """Return the walls between two rooms with space for a door, without ``corner`` m at their ends.
 
     A long wall is split for two doors.

@@ -12,7 +12,7 @@ from ...rng import mix
 from .occupancy import OccupancyMap
 
 RESOLUTION_M = 0.05
-MAX_PIXELS = 300  # edge of the image
+MAX_PIXELS, MAX_LONG_PIXELS = 300, 600  # edge of the image of a house, and of a building with long corridors
 OUTSIDE, SOLID, GLASS, OPEN, DOORWAY = range(5)  # kinds of cells; doorways get no noise
 _OCCUPIED, _UNKNOWN, _FREE = 0, 205, 254
 #: kind, centre x, y, width, depth (m, building frame, y up), turn (degrees)
@@ -37,14 +37,17 @@ _angle = np.arange(_RAYS * _FANS) * (2 * math.pi / (_RAYS * _FANS)) + 0.0007  # 
 _RAY = np.stack([np.sin(_angle), np.cos(_angle)], axis=1)  # (rays, 2) row, column
 
 
-def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]) -> OccupancyMap:
+def survey(
+    name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float], most_pixels: int = MAX_PIXELS
+) -> OccupancyMap:
     """Return the map of a building after a tour; its origin is a place with room for the robot.
 
     Cells seen from a stop are free. Surfaces next to them are occupied, one or two cells deep and a little ragged. The
     rest is unknown. Some rays leave through glass and become thin fans outside, too thin for a pellet or a ghost.
-    Shapes are painted in order, turned by ``turn`` (rad); ``draw`` returns the next random number in [0, 1).
+    Shapes are painted in order, turned by ``turn`` (rad); ``draw`` returns the next random number in [0, 1), and the
+    image has at most ``most_pixels`` per edge. Raises ValueError if the building is larger or too narrow.
     """
-    kind, margin = _raster(name, shapes, turn, draw)
+    kind, margin = _raster(name, shapes, turn, draw, most_pixels)
     seed = np.uint64(int(draw() * 2**53))
     clearance = _clearance(kind)
     tour = _largest_part(clearance > _STOP_CLEARANCE)
@@ -64,7 +67,7 @@ def survey(name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], f
 
 
 def _raster(
-    name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float]
+    name: str, shapes: Sequence[Shape], turn: float, draw: Callable[[], float], most_pixels: int
 ) -> tuple[NDArray[np.uint8], tuple[int, int]]:
     """Return the cell kinds (H, W) of the turned building, and the widths of its margins on the sides and above."""
     table = np.array(shapes)
@@ -82,9 +85,9 @@ def _raster(
     rooms = table[:, 0] == OPEN
     left, top = math.floor(column[rooms].min()) - 4, math.floor(row[rooms].min()) - 4  # including the outer walls
     width, height = math.ceil(column[rooms].max()) + 4 - left, math.ceil(row[rooms].max()) + 4 - top
-    if max(width, height) > MAX_PIXELS:
-        raise ValueError(f"{name}: the building needs {width} x {height} px, the image has at most {MAX_PIXELS}")
-    margin_x, margin_y = (min(_MARGIN_PX[1], (MAX_PIXELS - size) // 2) for size in (width, height))
+    if max(width, height) > most_pixels:
+        raise ValueError(f"{name}: the building needs {width} x {height} px, the image has at most {most_pixels}")
+    margin_x, margin_y = (min(_MARGIN_PX[1], (most_pixels - size) // 2) for size in (width, height))
     image = np.full((height + 2 * margin_y, width + 2 * margin_x), OUTSIDE, np.uint8)
     points = np.stack([column - left + margin_x, row - top + margin_y], axis=2) - 0.5
     points = np.rint(points * 2**_SUBPIXEL).astype(np.int32)

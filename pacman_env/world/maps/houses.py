@@ -5,18 +5,26 @@ The caller decides whether a house is playable under a configuration, and draws 
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from .house_rooms import Dice, Rect, Wall, area, lay_out
-from .house_survey import DOORWAY, GLASS, MAX_PIXELS, OPEN, RESOLUTION_M, SOLID, Shape, survey
+from .house_rooms import Dice, Floor, Rect, Wall, area, lay_out
+from .house_survey import DOORWAY, GLASS, MAX_LONG_PIXELS, MAX_PIXELS, OPEN, RESOLUTION_M, SOLID, Shape, survey
+from .long_rooms import FORMS, bounds, lay_out_long
 from .occupancy import OccupancyMap
 
 #: Number of loops (doors - rooms + 1) of ten consecutive levels, in random order: 20 % of the houses are trees, 40 %
 #: have one loop, 40 % two or three. Every house has a dead end, which is a room with one door.
 LOOP_QUOTA = (0, 0, 1, 1, 1, 1, 2, 2, 2, 3)
-MAX_EXTENT_M = MAX_PIXELS * RESOLUTION_M  # bound of |x| and |y| on all maps, because home, the origin, lies inside
+# Bounds of |x| and |y| on all maps, because home, the origin, lies inside.
+MAX_EXTENT_M, MAX_LONG_EXTENT_M = MAX_PIXELS * RESOLUTION_M, MAX_LONG_PIXELS * RESOLUTION_M
 
-_SEED, _QUOTA_SEED = 20250, 20251  # different, because seeds are zero-padded: (a, b) and (a, b, 0) are equal
+_SEED, _QUOTA_SEED, _LONG_SEED, _FORM_SEED = (
+    20250,
+    20251,
+    20252,
+    20253,
+)  # different, because seeds are zero-padded: (a, b) and (a, b, 0) are equal
 _WALL_M = (0.10, 0.15)
 _DOOR_M, _OPENING_M = 1.05, (1.5, 2.6)
 _LEAF_SHARE, _GLASS_SHARE = 0.4, 0.45
@@ -65,6 +73,14 @@ _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float],
         (_LEGS, True, 0.4, 0.5, 0.4, 0.5, 0.8),
         (_BOX, False, 0.4, 0.9, 0.3, 0.5, 0.6),
     ),
+    "corridor": (
+        (_BOX, False, 0.5, 1.8, 0.2, 0.4, 0.8),  # bench or cupboard
+        (_BOX, False, 0.5, 1.5, 0.25, 0.45, 0.6),
+        (_BOX, False, 0.15, 0.4, 0.1, 0.25, 0.8),  # pillar in the wall
+        (_BOX, False, 0.15, 0.4, 0.1, 0.25, 0.5),
+        (_POT, False, 0.25, 0.4, 0.25, 0.4, 0.5),
+    ),
+    "seats": (),
     "bath": (
         (_BOX, False, 1.4, 1.7, 0.7, 0.8, 0.7),
         (_BOX, False, 0.4, 0.8, 0.4, 0.5, 0.8),
@@ -84,22 +100,29 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
     return survey(f"generated-{level}", house.shapes, house.turn, house.dice.draw)
 
 
+def draw_long_house(level: int, attempt: int = 0) -> OccupancyMap:
+    """Return the map "generated-long-<level>" of a building with corridors of 8 to 20 m, as :func:`draw_house`."""
+    house = LongHouse(level, attempt)
+    return survey(f"generated-long-{level}", house.shapes, house.turn, house.dice.draw, MAX_LONG_PIXELS)
+
+
 class House:
     """A house before its survey: ``floor``, ``rooms`` and ``doors``.
 
     ``shapes`` are in m around the middle of the building, ``turn`` is in rad, and ``dice`` is for the survey.
     """
 
+    seed = _SEED
+
     def __init__(self, level: int, attempt: int) -> None:
         if level < 0 or attempt < 0:
             raise ValueError(f"level {level} and attempt {attempt} must not be negative")
-        loops = Dice(_QUOTA_SEED, level // len(LOOP_QUOTA)).shuffled(LOOP_QUOTA)[level % len(LOOP_QUOTA)]
-        self.dice = Dice(_SEED, level, attempt)
+        self.dice = Dice(self.seed, level, attempt)
         self.turn = math.radians(_turn_degrees(self.dice))
         self.wall = self.dice.between(*_WALL_M)
         # The turned free square of 0.55 m around a ghost's cell, and a margin for noise.
         self.passage = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
-        self.floor, self.doors = lay_out(self.dice, self.turn, loops, self.wall, self.passage)
+        self.floor, self.doors = self._lay_out(level)
         half, rooms = self.wall / 2, self.floor.rooms
         self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.passage) for x0, y0, x1, y1 in rooms]
         max(self.rooms, key=lambda r: area(r.inner)).role = "living"
@@ -108,6 +131,9 @@ class House:
         if self.floor.wide:
             living, kitchen = self.floor.wide
             self.rooms[living].role, self.rooms[kitchen].role = "living", "kitchen"
+        for room, role in zip(self.rooms, self.floor.roles, strict=False):
+            room.role = role
+        self._keep_crossings_clear()
         self.shapes: list[Shape] = []
         self._build_walls()
         leaves = [self._build_door(door) for door in self.doors]
@@ -116,9 +142,27 @@ class House:
                 self._add(SOLID, leaf)
         self._build_windows()
         for room in self.rooms:
-            shapes = room.furnish(self.dice)
-            x, y = self.floor.size[0] / 2, self.floor.size[1] / 2
-            self.shapes += [(s[0], s[1] - x, s[2] - y, *s[3:]) for s in shapes]
+            self._add_shapes(room.furnish(self.dice))
+        self._add_shapes(self.floor.seats)
+
+    def _lay_out(self, level: int) -> tuple[Floor, list[Wall]]:
+        loops = Dice(_QUOTA_SEED, level // len(LOOP_QUOTA)).shuffled(LOOP_QUOTA)[level % len(LOOP_QUOTA)]
+        return lay_out(self.dice, self.turn, loops, self.wall, self.passage)
+
+    def _keep_crossings_clear(self) -> None:
+        """Keep furniture away from the places where corridors meet, and from rows of seats."""
+        rects = [*((k, self.floor.rooms[k]) for k in sorted(self.floor.halls))]
+        rects += [(-1, bounds(shape)) for shape in (*self.floor.bends, *self.floor.seats)]
+        for k, (x0, y0, x1, y1) in rects:
+            for j in self.floor.halls - {k}:
+                self.rooms[j].entries.append(
+                    (x0 - self.passage, y0 - self.passage, x1 + self.passage, y1 + self.passage)
+                )
+
+    def _add_shapes(self, shapes: Sequence[Shape], grow: float = 0.0) -> None:
+        """Add shapes in the frame of the floor, longer and wider by ``grow`` m."""
+        x, y = self.floor.size[0] / 2, self.floor.size[1] / 2
+        self.shapes += [(s[0], s[1] - x, s[2] - y, s[3] + grow, s[4] + grow, s[5]) for s in shapes]
 
     def _add(self, kind: int, rect: Rect) -> None:
         (x0, y0, x1, y1), (width, depth) = rect, self.floor.size
@@ -132,10 +176,12 @@ class House:
             self.shapes.append((SOLID, x, y, dice.between(0.4, 2.5), 0.4, dice.between(0.0, 90.0)))
         for x0, y0, x1, y1 in self.floor.rooms:
             self._add(SOLID, (x0 - half, y0 - half, x1 + half, y1 + half))
+        self._add_shapes([(SOLID, *shape[1:]) for shape in self.floor.bends], self.wall)
         if self.floor.core:
             self._add(SOLID, self.floor.core)
         for room in self.rooms:
             self._add(OPEN, room.inner)
+        self._add_shapes(self.floor.bends, -self.wall)
 
     def _build_door(self, wall: Wall) -> tuple[int, Rect, int]:
         """Add a doorway with clear areas on both sides, and return the open door's room, rectangle and side."""
@@ -176,6 +222,16 @@ class House:
                 for a in (start + n * pitch for n in range(panes)):
                     pane = (a, at - deep, a + _PANE_M, at + deep)
                     self._add(GLASS, pane if side < 2 else (pane[1], pane[0], pane[3], pane[2]))
+
+
+class LongHouse(House):
+    """A building with long corridors before its survey."""
+
+    seed = _LONG_SEED
+
+    def _lay_out(self, level: int) -> tuple[Floor, list[Wall]]:
+        form = Dice(_FORM_SEED, level // len(FORMS)).shuffled(range(len(FORMS)))[level % len(FORMS)]
+        return lay_out_long(self.dice, form, self.turn, self.wall, self.passage)
 
 
 def _turn_degrees(dice: Dice) -> float:
