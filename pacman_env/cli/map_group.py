@@ -24,7 +24,9 @@ def add_map_group(commands: Any) -> None:
     check.set_defaults(run=_map_check)
     group.add_parser("list", help="list the shipped maps").set_defaults(run=_map_list)
     generate = group.add_parser("generate", help="write generated houses as map files")
-    generate.add_argument("folder", type=Path, help="folder for generated-LEVEL.yaml and .pgm")
+    generate.add_argument("folder", type=Path, help="folder for files such as generated-7.yaml and generated-7.pgm")
+    families = "generated, generated:wide or generated:long (%(default)s)"
+    generate.add_argument("--map", default="generated", metavar="NAME", help=families)
     generate.add_argument("--level", type=whole_number(0), default=0, help="first level (%(default)s)")
     generate.add_argument("--count", type=whole_number(0), default=1, help="number of levels (%(default)s)")
     generate.set_defaults(run=_map_generate)
@@ -70,22 +72,26 @@ def _map_list(arguments: argparse.Namespace) -> int:
 
 def _map_generate(arguments: argparse.Namespace) -> int:
     from pacman_env.config import make_config
+    from pacman_env.levels.house_families import FAMILIES
     from pacman_env.levels.level_source import TEST_LEVEL, TEST_LEVELS, prepare_level
 
-    config = make_config()
+    config, family = make_config(), FAMILIES.get(arguments.map)
+    if family is None:
+        raise ValueError(f"--map {arguments.map}: must be one of {', '.join(FAMILIES)}")
     last = arguments.level + arguments.count - 1
     if arguments.count < 1 or last >= TEST_LEVEL + TEST_LEVELS or arguments.level < TEST_LEVEL <= last:
         raise ValueError(
             f"levels {arguments.level} to {last}: must be within 0 to {TEST_LEVEL - 1} (training) "
             f"or {TEST_LEVEL} to {TEST_LEVEL + TEST_LEVELS - 1} (test)"
         )
-    files = {level: arguments.folder / f"generated-{level}.yaml" for level in range(arguments.level, last + 1)}
+    stem = family.name.replace(":", "-")
+    files = {level: arguments.folder / f"{stem}-{level}.yaml" for level in range(arguments.level, last + 1)}
     for file in (one.with_suffix(suffix) for one in files.values() for suffix in (".yaml", ".pgm")):
         if file.exists():
             raise ValueError(f"{file}: already exists")
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for level, file in files.items():
-        print(prepare_level(level, config).occupancy.save(file))
+        print(prepare_level(level, config, family).occupancy.save(file))
     return 0
 
 

@@ -88,7 +88,7 @@ class EnvArguments:
         return make_config(self.preset, **{**defaults, **below, **changes, **settings}), policies
 
     def make_source(self, config: Config) -> LevelSource:
-        """Return the source of the maps: one map, or houses for ``generated`` and ``generated:test``."""
+        """Return the source of the maps: one map, or houses for names such as ``generated:test``."""
         if not isinstance(self.map, (str, os.PathLike, OccupancyMap)):
             raise ConfigError(f"map = {self.map!r}: must be a name, a YAML file or an OccupancyMap")
         name = os.fspath(self.map) if isinstance(self.map, (str, os.PathLike)) else ""

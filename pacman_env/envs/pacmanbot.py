@@ -135,8 +135,9 @@ class PacManBotEnv(BaseEnv, Display, gym.Env[Any, Any]):
     gymnasium.make("pacman_env/PacManBot-v2", map="house", preset="robot", settings={"clyde.speed_mps": 0.35})
     ```
     - `map`: the name of a map in the package, a map_server YAML file, or an `OccupancyMap`. `"generated"` plays one of
-      1,000 training houses in each episode, `"generated:test"` one of 200 test houses. The seed of the episode decides
-      which; all are equally likely.
+      1,000 training houses in each episode, `"generated:test"` one of 200 test houses. `"generated:long"` and
+      `"generated:long:test"` are buildings with long corridors. The seed of the episode decides which; all are
+      equally likely.
     - `ghosts`: a number of wandering ghosts (1 to 4), or one entry for each: `"wander"` (Algorithm 2), `"chase"`
       (follows the robot), `"arcade"` (chases from afar, turns to its corner within 2.0 m), or a policy (name or
       object), which chooses at every tick.

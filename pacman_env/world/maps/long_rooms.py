@@ -11,8 +11,8 @@ from .house_rooms import Dice, Floor, Rect, Wall, area, shared_walls
 from .house_survey import OPEN, SOLID, Shape
 
 LONGEST_M = 20.0  # of the straight corridors
-SPAN_M = 28.8  # largest size of the turned building along both axes of the map
-_FLOOR_M2 = (88.0, 150.0)  # area of the building, between the middles of the walls
+SPAN_M = 28.5  # largest size of the turned building along both axes of the map
+_FLOOR_M2 = (106.0, 165.0)  # area of the building, between the middles of the walls
 _CORRIDOR_M = (1.3, 2.2)  # width between the walls
 _ROOM_M, _ROOM_DEPTH_M = (2.4, 4.6), (2.4, 4.2)
 _NICHE_M, _NICHE_DEPTH_M = (0.9, 2.4), (0.4, 1.0)
@@ -26,12 +26,12 @@ def lay_out_long(dice: Dice, form: int, turn: float, wall: float, door: float) -
     """Return the rooms and the doors of a building of one of the ``FORMS``; arguments as in ``lay_out``."""
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
-        building = _Building(dice, wall, door)
+        building, wanted_m2 = _Building(dice, wall, door), dice.between(*_FLOOR_M2)
         FORMS[form](building)
-        building.attach(dice.between(*_FLOOR_M2))
+        building.attach(wanted_m2)
         x0, y0, x1, y1 = building.bounds()
         width, depth = x1 - x0, y1 - y0
-        if building.m2 >= _FLOOR_M2[0] and max(width * cos + depth * sin, width * sin + depth * cos) <= SPAN_M:
+        if building.m2 >= wanted_m2 - 8.0 and max(width * cos + depth * sin, width * sin + depth * cos) <= SPAN_M:
             return building.floor()
 
 
@@ -58,16 +58,15 @@ class _Building:
         self.m2 += area(rect) if own_m2 is None else own_m2
         return len(self.rooms) - 1
 
-    def connect(self, a: int, b: int) -> bool:
-        """Add a door between two rooms and return True if they share a wall that is long enough."""
+    def connect(self, a: int, b: int) -> None:
+        """Add a door between two rooms if they share a wall that is long enough."""
         walls = shared_walls([self.rooms[a], self.rooms[b]], self.wall / 2 + 0.08, self.door)
         if walls:
             self.doors.append(walls[self.dice.below(len(walls))]._replace(a=a, b=b))
-        return bool(walls)
 
     def attach(self, most_m2: float) -> None:
         """Attach rooms, niches and dead ends to the sides of the corridors until the floor has ``most_m2`` m2."""
-        rooms, bare = self.dice.between(0.35, 0.95), self.dice.between(0.1, 0.45)
+        rooms, bare = self.dice.between(0.35, 0.95), self.dice.between(0.1, 0.65)
         corridors = [k for k, role in enumerate(self.roles) if role == "corridor"]
         for k, high in self.dice.shuffled([(k, high) for k in corridors for high in (False, True)]):
             self._attach_to(k, high, rooms, bare, most_m2)
@@ -88,17 +87,17 @@ class _Building:
                 length, deep = dice.between(*_NICHE_M), dice.between(*_NICHE_DEPTH_M)
             else:
                 length, deep = self.width(), dice.between(*_DEAD_END_M)
-            beside = (at, back, at + length, back + deep) if high else (at, front - deep, at + length, front)
-            if at + length > end or not self._is_free(_swapped(beside, upright)):
+            outside = (at, back, at + length, back + deep) if high else (at, front - deep, at + length, front)
+            if at + length > end or not self._is_free(_swapped(outside, upright)):
                 at, before = at + _STEP_M, -1
                 continue
             at += length
             if not is_room:
-                across = (beside[0], min(beside[1], front), beside[2], max(beside[3], back))
-                self.add(_swapped(across, upright), own_m2=area(beside))
+                across = (outside[0], min(outside[1], front), outside[2], max(outside[3], back))
+                self.add(_swapped(across, upright), own_m2=area(outside))
                 before = -1
                 continue
-            room = self.add(_swapped(beside, upright), ("study", "study", "living", "kitchen", "")[dice.below(5)])
+            room = self.add(_swapped(outside, upright), ("study", "study", "living", "kitchen", "")[dice.below(5)])
             self.connect(k, room)
             if before >= 0 and dice.chance(0.3):
                 self.connect(before, room)
@@ -121,14 +120,10 @@ class _Building:
         x, y, right, top = self.bounds()
         rooms = [(x0 - x, y0 - y, x1 - x, y1 - y) for x0, y0, x1, y1 in self.rooms]
         bends, seats = ([(s[0], s[1] - x, s[2] - y, *s[3:]) for s in one] for one in (self.bends, self.seats))
-        doors = [
-            w._replace(
-                at=w.at - (x if w.upright else y),
-                low=w.low - (y if w.upright else x),
-                high=w.high - (y if w.upright else x),
-            )
-            for w in self.doors
-        ]
+        doors = []
+        for door in self.doors:
+            across, along = (x, y) if door.upright else (y, x)
+            doors.append(door._replace(at=door.at - across, low=door.low - along, high=door.high - along))
         halls = frozenset(k for k, role in enumerate(self.roles) if role in ("corridor", "seats"))
         return Floor((right - x, top - y), rooms, halls, roles=self.roles, bends=bends, seats=seats), doors
 
@@ -171,10 +166,10 @@ def _tee(building: _Building) -> None:
 def _loop(building: _Building) -> None:
     """Lay out four corridors around a closed block; some continue behind the corner as dead ends."""
     dice = building.dice
-    length, depth = dice.between(9.0, 15.0), dice.between(6.0, 10.0)
+    length, depth = dice.between(9.0, 16.0), dice.between(6.0, 10.0)
 
     def ends(size: float) -> tuple[float, float]:
-        low, high = (dice.between(1.5, 2.5) if dice.chance(0.35) else 0.0 for _ in range(2))
+        low, high = (dice.between(1.2, 2.0) if dice.chance(0.35) else 0.0 for _ in range(2))
         return -low, size + high
 
     for low in (True, False):

@@ -272,7 +272,8 @@ def _find(source: str | os.PathLike[str]) -> tuple[Path, str]:
     except (OSError, RuntimeError) as error:  # no permission, or an unknown user's home
         raise MapError(f"{source}: cannot be read: {error}") from error
     if str(source).startswith("generated"):
-        raise MapError(f"{source}: write a level with 'pacman-env map generate FOLDER --level N' and name its file")
+        write = "pacman-env map generate FOLDER --map NAME --level N"
+        raise MapError(f"{source}: write a level with '{write}' and name its file")
     if path.suffix or len(path.parts) > 1:
         raise MapError(f"{source}: no such file or folder")
     raise MapError(f"{source}: neither a YAML file nor a folder nor a shipped map: {suggest(str(source), names)}")
