@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import make_config
+from pacman_env.levels.house_families import FAMILIES, HOUSES, HouseFamily
 from pacman_env.levels.level_source import TEST_LEVEL, prepare_level
 
 
@@ -28,17 +29,17 @@ def sealed(file: Path, places: NDArray[np.float64], radius_m: float) -> list[lis
     return list(places[fits[row, column] != 2].tolist())
 
 
-def judge(level: int, folder: Path) -> tuple[int, list[list[float]]]:
+def judge(level: int, folder: Path, family: HouseFamily = HOUSES) -> tuple[int, list[list[float]]]:
     """Return the number of pellets of a level and the places that the robot cannot reach; files stay in the folder."""
-    assets = prepare_level(level, config := make_config())
+    assets = prepare_level(level, config := make_config(), family)
     places = np.concatenate([assets.grid.home[None, :2], assets.goal_xy[: assets.pellets]])
     file = assets.occupancy.save(folder / f"level-{level}.yaml")
     return assets.pellets, sealed(file, places, config.robot.inscribed_radius_m)
 
 
-def _check(count: int) -> int:
+def _check(count: int, family: HouseFamily) -> int:
     with tempfile.TemporaryDirectory() as folder:
-        found = {level: judge(level, Path(folder)) for k in range(count) for level in (k, TEST_LEVEL + k)}
+        found = {level: judge(level, Path(folder), family) for k in range(count) for level in (k, TEST_LEVEL + k)}
     faults = [f"level {level}: no path to {places}\n" for level, (_, places) in found.items() if places]
     pellets = [one for one, _ in found.values()]
     print(*faults, f"{len(found)} levels, {min(pellets)} to {max(pellets)} pellets, {len(faults)} not playable", sep="")
@@ -48,4 +49,5 @@ def _check(count: int) -> int:
 if __name__ == "__main__":
     parser = Parser(prog="python -m tools.houses", description=__doc__)
     parser.add_argument("--levels", type=whole_number(1, 1000), default=100, help="of each split (%(default)s)")
-    sys.exit(run_command(parser, None, lambda options: _check(options.levels)))
+    parser.add_argument("--map", choices=FAMILIES, default=HOUSES.name, help="kind of houses (%(default)s)")
+    sys.exit(run_command(parser, None, lambda options: _check(options.levels, FAMILIES[options.map])))

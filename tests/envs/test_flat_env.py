@@ -16,7 +16,7 @@ from tests.envs import helpers
 from tests.envs.cases import DRIVING
 from tests.envs.helpers import make_vector, same
 
-MAPS = ("maze", "loop", "open_plan", "generated", "generated:test", "generated:wide")
+MAPS = ("maze", "loop", "open_plan", "generated", "generated:test", "generated:wide", "generated:long")
 UNIT: dict[str, Any] = {"action": "velocity", "settings": {"action_range": "unit"}}
 
 

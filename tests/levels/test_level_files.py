@@ -16,6 +16,7 @@ from pacman_env.engine import cache_folder
 from pacman_env.levels import level_files, level_source
 from pacman_env.levels.assets import MapAssets
 from pacman_env.levels.coarse_map import add_coarse_map
+from pacman_env.levels.house_families import FAMILIES, HOUSES, LONG_HOUSES, WIDE_HOUSES, HouseFamily
 from pacman_env.levels.level import COARSE_MAP, PREDICTION, Level
 from pacman_env.levels.level_files import LevelFiles
 from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps, prepare_level
@@ -39,9 +40,9 @@ def prepared(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The levels that were prepared, not loaded."""
     found: list[int] = []
 
-    def counted(level: int, config: Config, scale: int = 1) -> MapAssets:
+    def counted(level: int, config: Config, family: HouseFamily = HOUSES) -> MapAssets:
         found.append(level)
-        return prepare_level(level, config, scale)
+        return prepare_level(level, config, family)
 
     monkeypatch.setattr(level_source, "prepare_level", counted)
     return found
@@ -51,9 +52,9 @@ def files(cache: Path) -> list[Path]:
     return sorted((cache / "houses").rglob("*.level"))
 
 
-def fresh(level: int, config: Config = CONFIG, scale: int = 1) -> Level:
+def fresh(level: int, config: Config = CONFIG, family: HouseFamily = HOUSES) -> Level:
     """The level without a file."""
-    return Level.of(prepare_level(level, config, scale), config)
+    return Level.of(prepare_level(level, config, family), config)
 
 
 def everything(level: Level) -> dict[str, Any]:
@@ -69,11 +70,11 @@ def same(one: Level, other: Level) -> bool:
     return helpers.same(everything(one), everything(other))
 
 
-@pytest.mark.parametrize(("level", "scale"), [(TEST_LEVEL + 1, 1), (5, 2)])
-def test_stored_level_equals_prepared_one(level: int, scale: int, cache: Path, prepared: list[int]) -> None:
-    config = make_config(**{"pellets.spacing_m": 2.0 * scale})
-    maps = GeneratedMaps(config, level // TEST_LEVEL * TEST_LEVEL, 100, scale)
-    first, own = maps.prepare(level), fresh(level, config, scale)
+@pytest.mark.parametrize(("level", "family"), [(TEST_LEVEL + 1, HOUSES), (5, WIDE_HOUSES), (5, LONG_HOUSES)])
+def test_stored_level_equals_prepared_one(level: int, family: HouseFamily, cache: Path, prepared: list[int]) -> None:
+    config = make_config(**{"pellets.spacing_m": family.spacing_m})
+    maps = GeneratedMaps(config, level // TEST_LEVEL * TEST_LEVEL, 100, family)
+    first, own = maps.prepare(level), fresh(level, config, family)
     assert len(files(cache)) == 1
     second = maps.prepare(level)
     assert prepared == [level]
@@ -119,6 +120,12 @@ def test_other_settings_have_other_files(cache: Path, prepared: list[int]) -> No
     assert len(files(cache)) == len(prepared) == 3  # the speed is no part of a house
 
 
+def test_families_have_files_of_their_own(cache: Path, prepared: list[int]) -> None:
+    for family in FAMILIES.values():
+        GeneratedMaps(CONFIG, 0, 100, family).prepare(1)
+    assert len(files(cache)) == len(prepared) == len(FAMILIES)
+
+
 def test_endless_houses_are_not_kept(cache: Path, prepared: list[int]) -> None:
     maps = GeneratedMaps.named("generated", CONFIG, None, 0)
     for _ in range(2):
@@ -156,8 +163,8 @@ def test_sets_used_longest_ago_are_removed(cache: Path, monkeypatch: pytest.Monk
         GeneratedMaps(CONFIG.with_fields(**{"robot.radius_m": radius}), 0, 100).prepare(1)
         time.sleep(0.02)
     kept = {file.parent.name for file in files(cache)}
-    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.173}), 1).key in kept
-    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.17}), 1).key not in kept
+    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.173}), "generated").key in kept
+    assert LevelFiles(CONFIG.with_fields(**{"robot.radius_m": 0.17}), "generated").key not in kept
 
 
 def test_warm_up_prepares_what_is_not_kept(
