@@ -98,12 +98,7 @@ class GeneratedMaps:
     """Generated houses ``start_level`` to ``start_level + num_levels - 1`` of a family."""
 
     def __init__(
-        self,
-        config: Config,
-        start_level: int,
-        num_levels: int,
-        family: HouseFamily = HOUSES,
-        room: int | None = None,
+        self, config: Config, start_level: int, num_levels: int, family: HouseFamily = HOUSES, room: int | None = None
     ) -> None:
         """Check the levels; ``room`` is how many levels can be requested by number (None: ``num_levels``)."""
         if start_level < 0:

@@ -11,6 +11,10 @@ from .house_survey import Shape
 
 Rect = tuple[float, float, float, float]  # x0, y0, x1, y1 in m, building frame: (0, 0) is the lower left corner
 
+#: Number of loops (doors - rooms + 1) of ten consecutive levels, in random order: 20 % of the houses are trees, 40 %
+#: have one loop, 40 % two or three. Every house has a dead end, which is a room with one door.
+LOOP_QUOTA = (0, 0, 1, 1, 1, 1, 2, 2, 2, 3)
+_QUOTA_SEED = 20251  # all seeds differ, because they are zero-padded: (a, b) and (a, b, 0) are equal
 OUTLINE_M2 = (54.0, 76.0)  # area of the building, including corners and cores that are cut out
 ROOMS = (4, 10)  # fewest and most
 _LENGTH_M, _DEPTH_M = (8.0, 13.0), (5.5, 10.0)
@@ -52,7 +56,6 @@ class Floor(NamedTuple):
     wide: tuple[int, int] | None = None  # living room and kitchen, if they are open to each other
     roles: Sequence[str] = ()  # keys of the furniture table by room; empty: chosen from the size
     bends: Sequence[Shape] = ()  # turned pieces of corridors, measured like rooms
-    seats: Sequence[Shape] = ()  # rows of seats
 
 
 class Wall(NamedTuple):
@@ -70,12 +73,13 @@ def area(rect: Rect) -> float:
     return (rect[2] - rect[0]) * (rect[3] - rect[1])
 
 
-def lay_out(dice: Dice, turn: float, loops: int, wall: float, door: float) -> tuple[Floor, list[Wall]]:
-    """Return the rooms and one wall for each door, with ``loops`` = doors - rooms + 1 and at least one dead end.
+def lay_out(dice: Dice, level: int, turn: float, wall: float, door: float) -> tuple[Floor, list[Wall]]:
+    """Return the rooms and one wall for each door, with the level's number of loops and at least one dead end.
 
     ``turn`` is the building's angle in the map (rad), which limits its size. ``wall`` is the thickness of a wall and
     ``door`` the width of a door, m.
     """
+    loops = Dice(_QUOTA_SEED, level // len(LOOP_QUOTA)).shuffled(LOOP_QUOTA)[level % len(LOOP_QUOTA)]
     cos, sin = abs(math.cos(turn)), abs(math.sin(turn))
     while True:
         floor_m2, aspect = dice.between(*OUTLINE_M2), dice.between(1.05, 1.7)

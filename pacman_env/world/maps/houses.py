@@ -5,26 +5,19 @@ The caller decides whether a house is playable under a configuration, and draws 
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from .house_rooms import Dice, Floor, Rect, Wall, area, lay_out
 from .house_survey import DOORWAY, GLASS, MAX_LONG_PIXELS, MAX_PIXELS, OPEN, RESOLUTION_M, SOLID, Shape, survey
-from .long_rooms import FORMS, bounds, lay_out_long
+from .long_rooms import lay_out_long
 from .occupancy import OccupancyMap
 
-#: Number of loops (doors - rooms + 1) of ten consecutive levels, in random order: 20 % of the houses are trees, 40 %
-#: have one loop, 40 % two or three. Every house has a dead end, which is a room with one door.
-LOOP_QUOTA = (0, 0, 1, 1, 1, 1, 2, 2, 2, 3)
 # Bounds of |x| and |y| on all maps, because home, the origin, lies inside.
 MAX_EXTENT_M, MAX_LONG_EXTENT_M = MAX_PIXELS * RESOLUTION_M, MAX_LONG_PIXELS * RESOLUTION_M
 
-_SEED, _QUOTA_SEED, _LONG_SEED, _FORM_SEED = (
-    20250,
-    20251,
-    20252,
-    20253,
-)  # different, because seeds are zero-padded: (a, b) and (a, b, 0) are equal
+_SEED, _LONG_SEED = 20250, 20252
+_LayOut = Callable[[Dice, int, float, float, float], tuple[Floor, list[Wall]]]  # arguments of :func:`lay_out`
 _WALL_M = (0.10, 0.15)
 _DOOR_M, _OPENING_M = 1.05, (1.5, 2.6)
 _LEAF_SHARE, _GLASS_SHARE = 0.4, 0.45
@@ -34,8 +27,8 @@ _BATH_M2 = 5.5
 _TRIES = 8  # attempts to find a place for a piece
 _IN_CORNER = 0.3  # share of the pieces at a wall that stand in a corner
 _FREE = -1  # instead of a side, for a piece away from walls
-#: Forms: box, table (the lidar sees the legs), table with chairs, pot, heap of small things.
-_BOX, _LEGS, _CHAIRS, _POT, _HEAP = range(5)
+#: Forms: box, table (the lidar sees the legs), table with chairs, pot, heap of small things, rows of seats.
+_BOX, _LEGS, _CHAIRS, _POT, _HEAP, _ROWS = range(6)
 _CHAIR_M = 0.4
 #: Furniture by kind of room: form, stands free, length from, to, depth from, to (m), chance; in the order of placement.
 _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float], ...]] = {
@@ -75,12 +68,10 @@ _FURNITURE: dict[str, tuple[tuple[int, bool, float, float, float, float, float],
     ),
     "corridor": (
         (_BOX, False, 0.5, 1.8, 0.2, 0.4, 0.8),  # bench or cupboard
-        (_BOX, False, 0.5, 1.5, 0.25, 0.45, 0.6),
-        (_BOX, False, 0.15, 0.4, 0.1, 0.25, 0.8),  # pillar in the wall
-        (_BOX, False, 0.15, 0.4, 0.1, 0.25, 0.5),
+        *[(_BOX, False, 0.15, 0.4, 0.1, 0.25, 0.7)] * 3,  # pillars in the wall
         (_POT, False, 0.25, 0.4, 0.25, 0.4, 0.5),
     ),
-    "seats": (),
+    "large hall": ((_ROWS, True, 4.0, 8.5, 3.5, 7.0, 1.0), (_ROWS, True, 2.0, 4.0, 2.0, 4.0, 0.7)),
     "bath": (
         (_BOX, False, 1.4, 1.7, 0.7, 0.8, 0.7),
         (_BOX, False, 0.4, 0.8, 0.4, 0.5, 0.8),
@@ -102,7 +93,7 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
 
 def draw_long_house(level: int, attempt: int = 0) -> OccupancyMap:
     """Return the map "generated-long-<level>" of a building with corridors of 8 to 20 m, as :func:`draw_house`."""
-    house = LongHouse(level, attempt)
+    house = House(level, attempt, _LONG_SEED, lay_out_long)
     return survey(f"generated-long-{level}", house.shapes, house.turn, house.dice.draw, MAX_LONG_PIXELS)
 
 
@@ -112,17 +103,15 @@ class House:
     ``shapes`` are in m around the middle of the building, ``turn`` is in rad, and ``dice`` is for the survey.
     """
 
-    seed = _SEED
-
-    def __init__(self, level: int, attempt: int) -> None:
+    def __init__(self, level: int, attempt: int, seed: int = _SEED, plan: _LayOut = lay_out) -> None:
         if level < 0 or attempt < 0:
             raise ValueError(f"level {level} and attempt {attempt} must not be negative")
-        self.dice = Dice(self.seed, level, attempt)
+        self.dice = Dice(seed, level, attempt)
         self.turn = math.radians(_turn_degrees(self.dice))
         self.wall = self.dice.between(*_WALL_M)
         # The turned free square of 0.55 m around a ghost's cell, and a margin for noise.
         self.passage = 0.55 * (abs(math.cos(self.turn)) + abs(math.sin(self.turn))) + 0.2
-        self.floor, self.doors = self._lay_out(level)
+        self.floor, self.doors = plan(self.dice, level, self.turn, self.wall, self.passage)
         half, rooms = self.wall / 2, self.floor.rooms
         self.rooms = [Room((x0 + half, y0 + half, x1 - half, y1 - half), "", self.passage) for x0, y0, x1, y1 in rooms]
         max(self.rooms, key=lambda r: area(r.inner)).role = "living"
@@ -143,21 +132,15 @@ class House:
         self._build_windows()
         for room in self.rooms:
             self._add_shapes(room.furnish(self.dice))
-        self._add_shapes(self.floor.seats)
-
-    def _lay_out(self, level: int) -> tuple[Floor, list[Wall]]:
-        loops = Dice(_QUOTA_SEED, level // len(LOOP_QUOTA)).shuffled(LOOP_QUOTA)[level % len(LOOP_QUOTA)]
-        return lay_out(self.dice, self.turn, loops, self.wall, self.passage)
 
     def _keep_crossings_clear(self) -> None:
-        """Keep furniture away from the places where corridors meet, and from rows of seats."""
-        rects = [*((k, self.floor.rooms[k]) for k in sorted(self.floor.halls))]
-        rects += [(-1, bounds(shape)) for shape in (*self.floor.bends, *self.floor.seats)]
-        for k, (x0, y0, x1, y1) in rects:
-            for j in self.floor.halls - {k}:
-                self.rooms[j].entries.append(
-                    (x0 - self.passage, y0 - self.passage, x1 + self.passage, y1 + self.passage)
-                )
+        """Keep furniture away from places where corridors meet."""
+        halls, wide = sorted(self.floor.halls), self.passage
+        bends = [(x - size, y - size, x + size, y + size) for _, x, y, size, *_ in self.floor.bends]
+        places = [*(self.floor.rooms[k] for k in halls), *bends]
+        for n, k in enumerate(halls):
+            others = places[:n] + places[n + 1 :]
+            self.rooms[k].entries += [(x0 - wide, y0 - wide, x1 + wide, y1 + wide) for x0, y0, x1, y1 in others]
 
     def _add_shapes(self, shapes: Sequence[Shape], grow: float = 0.0) -> None:
         """Add shapes in the frame of the floor, longer and wider by ``grow`` m."""
@@ -222,16 +205,6 @@ class House:
                 for a in (start + n * pitch for n in range(panes)):
                     pane = (a, at - deep, a + _PANE_M, at + deep)
                     self._add(GLASS, pane if side < 2 else (pane[1], pane[0], pane[3], pane[2]))
-
-
-class LongHouse(House):
-    """A building with long corridors before its survey."""
-
-    seed = _LONG_SEED
-
-    def _lay_out(self, level: int) -> tuple[Floor, list[Wall]]:
-        form = Dice(_FORM_SEED, level // len(FORMS)).shuffled(range(len(FORMS)))[level % len(FORMS)]
-        return lay_out_long(self.dice, form, self.turn, self.wall, self.passage)
 
 
 def _turn_degrees(dice: Dice) -> float:
@@ -330,6 +303,16 @@ def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float
         return [(SOLID, x, y, length, deep, degrees)]
     if form == _POT:
         return [(SOLID, x, y, 0.9 * length, 0.9 * length, turn) for turn in (0.0, 45.0)]
+    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    if form == _ROWS:
+        thick, half = dice.between(0.08, 0.4), length / 2 - dice.between(0.5, 0.7)  # with an aisle in the middle
+        count = int((deep - thick) / dice.between(1.4, 1.8))
+        rows = [
+            ((deep - thick) * (n / count - 0.5), side * (length - half) / 2)
+            for n in range(count + 1)
+            for side in (-1, 1)
+        ]
+        return [(SOLID, x + cos * u - sin * v, y + sin * u + cos * v, half, thick, degrees) for v, u in rows]
     legs = _legs(0.0, 0.0, length, deep)
     if form == _HEAP:
         count = 3 + dice.below(10)
@@ -339,7 +322,6 @@ def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float
         for n, side in itertools.product(range(count), (-1, 1)):
             distance = deep / 2 + dice.between(0.0, 0.5) * _CHAIR_M  # fully or half under the table
             legs += _legs(length * ((n + 0.5) / count - 0.5), side * distance, _CHAIR_M, _CHAIR_M)
-    cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     return [(SOLID, x + cos * u - sin * v, y + sin * u + cos * v, 0.07, 0.07, 0.0) for u, v in legs]
 
 

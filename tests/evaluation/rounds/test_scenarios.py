@@ -42,6 +42,7 @@ def given(*words: str, several: bool = True) -> argparse.Namespace:
         ([], ["house"]),
         (["--map", "maze", "house", "maze"], ["maze", "house"]),
         (["--map", "generated:test"], [Levels("test", None, LEVELS_PLAYED)]),
+        (["--map", "generated:long:test"], [Levels("long:test")]),
         (["--map", "generated", "--start-level", "7", "--num-levels", "3"], [Levels("train", 7, 3)]),
         (["--map", "maze", "generated:test"], ["maze", Levels("test")]),
     ],
@@ -95,9 +96,10 @@ def test_checkpoint_without_torch_is_refused_by_name(monkeypatch: pytest.MonkeyP
         load_policy("run.zip")
 
 
-def test_levels_equal_levels_of_environment() -> None:
-    ours = open_scenario(LEVELS, LEVELS_CONFIG)
-    theirs = GeneratedMaps.named("generated:test", LEVELS_CONFIG, None, LEVELS.count)
+@pytest.mark.parametrize("split", ["test", "long:test"])
+def test_levels_equal_levels_of_environment(split: str) -> None:
+    ours = open_scenario(Levels(split, count=LEVELS.count), LEVELS_CONFIG)
+    theirs = GeneratedMaps.named(f"generated:{split}", LEVELS_CONFIG, None, LEVELS.count)
     seeds = episode_seeds(1, 20)
     np.testing.assert_array_equal(ours.levels_of(seeds), theirs.levels_of(seeds))
     for level in (TEST_LEVEL, TEST_LEVEL + 1):
