@@ -23,9 +23,7 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--clyde-speed": {"type": finite_number(0), "metavar": "V", "help": "speed of Clyde, m/s"},
 }
 #: Maps of a simulated game.
-SIMULATED_MAP = (
-    "map: a name, a file or its folder, generated (a new house each round), generated:test or generated:long"
-)
+SIMULATED_MAP = "map: a name, a file or its folder, generated (a new house each round), generated:test, generated:long"
 
 
 def add_game_option(parser: argparse._ActionsContainer, option: str, **changes: Any) -> None:

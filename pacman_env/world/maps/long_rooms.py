@@ -20,7 +20,7 @@ _STEP_M = 0.5  # along a corridor, after a piece that does not fit
 #: Straight part, radius of the round ends, distance and width of the corridors of an oval; sides of a large hall.
 _OVAL_M, _HALL_M = ((8.0, 11.0), (2.5, 6.0), (4.8, 8.0), _WIDTH_M), (6.5, 11.0)
 _BENDS = 9  # pieces of each round end of an oval
-_FORM_SEED = 20253  # see the other seeds in houses.py
+_FORM_SEED = 20253  # differs from the other seeds, see house_rooms.py
 
 
 def lay_out_long(dice: Dice, level: int, turn: float, wall: float, door: float) -> tuple[Floor, list[Wall]]:
