@@ -35,7 +35,7 @@ T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
 _SPLITS = ("train", "test", "long", "long:test")
 _POLICY_FILES = (".onnx", ".zip")
-_CACHED_LEVELS = 100  # most cached levels of a process, about 4 MB each, or 12 MB with long corridors
+_CACHED_LEVELS = 100  # most cached levels of a process, 4 MB each, or 8 MB with long corridors
 _LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of levels
 
 
