@@ -27,7 +27,7 @@ from .level import COARSE_MAP, PREDICTION, Level, LevelArrays, LevelFacts, Predi
 
 _FORMAT = b"pacman_env level 1\n"
 _ALIGNMENT = 64
-_KEEP_BYTES = 12 << 30  # limit for all folders; a house takes 5 MB, or 18 MB with long corridors
+_KEEP_BYTES = 12 << 30  # limit for all folders; a house takes 5 MB, or 20 MB with long corridors
 _OWN = -1  # instead of an index of ``LevelArrays.later``: the level's own arrays
 _LATER = {PREDICTION: PredictionArrays, COARSE_MAP: CoarseArrays}
 _KINDS: dict[int, Any] = {_OWN: LevelArrays, **_LATER}

@@ -18,7 +18,7 @@ _ROOM, _NICHE, _DEAD_END = ((2.4, 4.6), (2.4, 4.2)), ((0.9, 2.4), (0.4, 1.0)), (
 _ROLES = ("study", "study", "living", "kitchen", "")  # of rooms
 _STEP_M = 0.5  # along a corridor, after a piece that does not fit
 #: Straight part, radius of the round ends, distance and width of the corridors of an oval; sides of a large hall.
-_OVAL_M, _HALL_M = ((8.0, 11.0), (2.5, 6.0), (4.8, 8.0), _WIDTH_M), (6.5, 11.0)
+_OVAL_M, _HALL_M = ((8.0, 12.0), (3.0, 6.0), (5.0, 9.0), _WIDTH_M), (7.5, 11.0)
 _BENDS = 9  # pieces of each round end of an oval
 _FORM_SEED = 20253  # differs from the other seeds, see house_rooms.py
 
@@ -68,7 +68,7 @@ class _Building:
 
     def attach(self, most_m2: float) -> None:
         """Attach rooms, niches and dead ends to the sides of the corridors until the floor has ``most_m2`` m2."""
-        rooms, bare = self.dice.between(0.35, 0.95), self.dice.between(0.1, 0.65)
+        rooms, bare = self.dice.between(0.35, 0.95), self.dice.between(0.2, 0.8)
         corridors = [k for k, role in enumerate(self.roles) if role == "corridor"]
         for k, high in self.dice.shuffled([(k, high) for k in corridors for high in (False, True)]):
             self._attach_to(k, high, rooms, bare, most_m2)
@@ -123,7 +123,7 @@ def _line(building: _Building) -> None:
 def _loop(building: _Building) -> None:
     """Lay out four corridors around a closed block; some continue behind the corner as dead ends."""
     dice = building.dice
-    length, depth = dice.between(9.0, 16.0), dice.between(6.0, 10.0)
+    length, depth = dice.between(10.0, 16.0), dice.between(6.0, 11.0)
     for size, other, upright in ((length, depth, False), (depth, length, True)):
         for high in (False, True):
             width, ends = dice.between(*_WIDTH_M), [dice.between(1.2, 2.0) * dice.chance(0.35) for _ in range(2)]
@@ -162,5 +162,5 @@ def _hall(building: _Building) -> None:
         building.connect(corridor, hall)
 
 
-#: A form of each consecutive six levels, in random order.
-_FORMS = (_line, _line, _line, _loop, _oval, _hall)
+#: Forms of four consecutive levels, in random order.
+_FORMS = (_line, _loop, _oval, _hall)
