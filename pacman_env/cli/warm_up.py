@@ -76,10 +76,11 @@ def _compile(name: str, work: Callable[[], None]) -> None:
 def _prepare_houses(count: int) -> None:
     """Prepare the houses that are not cached yet, with a progress line on a terminal."""
     from pacman_env.config import make_config
-    from pacman_env.levels.level_source import TEST_LEVEL, TEST_SET, GeneratedMaps
+    from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps
 
     config, began = make_config(), time.monotonic()
-    train, test = GeneratedMaps(config, 0, count), GeneratedMaps(config, TEST_LEVEL, min(count, TEST_SET))
+    train = GeneratedMaps(config, 0, count)
+    test = GeneratedMaps(config, TEST_LEVEL, min(count, train.family.test_set))
     levels = [(maps, maps.start_level + k) for maps in (train, test) for k in range(maps.num_levels)]
     for done, (maps, level) in enumerate(levels):
         if sys.stdout.isatty():

@@ -19,6 +19,8 @@ class HouseFamily(NamedTuple):
     extent_m: float  # bound of |x| and |y|
     pellets: tuple[int, int]  # fewest and most at ``spacing_m``
     spacing_m: float = 2.0
+    train_set: int = 1000  # number of houses to draw from by default, which are cached on disk
+    test_set: int = 200
 
     def fewest_pellets(self, config: Config) -> int:
         share = (self.spacing_m / config.pellets.spacing_m) ** 2
@@ -39,5 +41,5 @@ def _draw_wide(level: int, attempt: int) -> OccupancyMap:
 
 HOUSES = HouseFamily("generated", draw_house, MAX_EXTENT_M, (4, 16))
 WIDE_HOUSES = HouseFamily("generated:wide", _draw_wide, WIDE * MAX_EXTENT_M, (4, 16), 2.0 * WIDE)
-LONG_HOUSES = HouseFamily("generated:long", draw_long_house, MAX_LONG_EXTENT_M, (6, 24))
+LONG_HOUSES = HouseFamily("generated:long", draw_long_house, MAX_LONG_EXTENT_M, (6, 24), train_set=200, test_set=100)
 FAMILIES = {family.name: family for family in (HOUSES, WIDE_HOUSES, LONG_HOUSES)}

@@ -81,10 +81,6 @@ class FixedMap:
 
 TEST_LEVEL = 1_000_000  # first test level
 TEST_LEVELS = 1000
-#: Numbers of houses to draw from by default; these houses are cached on disk.
-TRAIN_SET, TEST_SET = 1000, 200
-#: First level, number of levels, and number of houses to draw from by default.
-_TRAIN, _TEST = (0, TEST_LEVEL, TRAIN_SET), (TEST_LEVEL, TEST_LEVELS, TEST_SET)
 SPLITS = FAMILIES | {"generated:train": HOUSES, "generated:test": HOUSES, "generated:long:test": LONG_HOUSES}
 _MOST_KEPT = 20_000  # larger sets are not cached
 _ATTEMPTS = 60
@@ -131,15 +127,17 @@ class GeneratedMaps:
                 raise ConfigError(f"{field_name} = {number!r}: must be a whole number")
         if name not in SPLITS:
             raise ConfigError(f"map = {name!r}: choose one of {', '.join(SPLITS)}")
-        first, count, usual = _TEST if name.endswith(":test") else _TRAIN
+        family, tests = SPLITS[name], name.endswith(":test")
+        first, count = (TEST_LEVEL, TEST_LEVELS) if tests else (0, TEST_LEVEL)
         start = first if start_level is None else start_level
         if not first <= start < first + count:
             raise ConfigError(f"start_level = {start}: {name} has the levels {first} to {first + count - 1}")
         room = first + count - start
         if num_levels is not None and not 0 <= num_levels <= room:
             raise ConfigError(f"num_levels = {num_levels}: {name} has {room} levels from {start} on")
+        usual = family.test_set if tests else family.train_set
         drawn = usual if start_level is None and num_levels is None else num_levels or room
-        return cls(config, int(start), int(drawn), SPLITS[name], room if num_levels is None else None)
+        return cls(config, int(start), int(drawn), family, room if num_levels is None else None)
 
     def __getstate__(self) -> dict[str, Any]:
         """Omit the first map, which is prepared again on demand, and the cache folder of this process."""
@@ -193,7 +191,7 @@ class GeneratedMaps:
         """
         first = TEST_LEVEL if level >= TEST_LEVEL else 0
         own = self.num_levels if self.start_level == first and self.num_levels <= _MOST_KEPT else 0
-        return level - first < max(own, TEST_SET if first else TRAIN_SET)
+        return level - first < max(own, self.family.test_set if first else self.family.train_set)
 
     def extent(self) -> tuple[tuple[float, float], tuple[float, float]]:
         most = self.family.extent_m

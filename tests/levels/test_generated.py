@@ -11,7 +11,7 @@ from pacman_env.config import ConfigError, make_config
 from pacman_env.levels.assets import MapAssets
 from pacman_env.levels.house_families import HOUSES, LONG_HOUSES, WIDE_HOUSES, HouseFamily
 from pacman_env.levels.level import Level
-from pacman_env.levels.level_source import TEST_LEVEL, TEST_LEVELS, TEST_SET, TRAIN_SET, GeneratedMaps, prepare_level
+from pacman_env.levels.level_source import TEST_LEVEL, TEST_LEVELS, GeneratedMaps, prepare_level
 from pacman_env.world.maps.occupancy import MapError
 from pacman_env.world.navigation.paths import UNREACHABLE_CM
 from tools.houses import judge
@@ -22,13 +22,13 @@ CONFIG = make_config()
 @pytest.mark.parametrize(
     ("name", "start", "count", "first", "number"),
     [
-        ("generated", None, None, 0, TRAIN_SET),
+        ("generated", None, None, 0, HOUSES.train_set),
         ("generated:train", None, 0, 0, TEST_LEVEL),
         ("generated", 500, None, 500, TEST_LEVEL - 500),
         ("generated:wide", 7, 3, 7, 3),
-        ("generated:long", None, None, 0, TRAIN_SET),
+        ("generated:long", None, None, 0, LONG_HOUSES.train_set),
         ("generated:long:test", None, 0, TEST_LEVEL, TEST_LEVELS),
-        ("generated:test", None, None, TEST_LEVEL, TEST_SET),
+        ("generated:test", None, None, TEST_LEVEL, HOUSES.test_set),
         ("generated:test", None, 0, TEST_LEVEL, TEST_LEVELS),
         ("generated:test", TEST_LEVEL + 10, 20, TEST_LEVEL + 10, 20),
         ("generated", np.int64(7), np.int32(3), 7, 3),
