@@ -113,7 +113,7 @@ class Rollouts(BasePolicy):
         """Return the base's scores (N, C) and values (N,), 0 for a base without values, in games of one trial."""
         if not isinstance(self.base, LearnedPlanner):
             return np.where(situation.mask, self.base.scores(situation), -np.inf), np.zeros(len(situation))
-        # One run for all games is several times faster than ``scores``, but rounds differently.
+        # For a file of your own, one run for all games is several times faster than ``scores``, but rounds differently.
         candidates, whole = planner_features(situation, self.base.metadata.robot_speed_mps)
         logits, values = self.base.run(candidates, whole, situation.mask)
         return np.where(situation.mask, logits, -np.inf).astype(np.float64), values.astype(np.float64)

@@ -1,4 +1,4 @@
-"""Operations for kernels beyond Numba's language: memory and functions by address, counters shared by threads.
+"""Operations for kernels beyond Numba's language: memory and functions by address, shared counters, matrix blocks.
 
 Addresses are arguments, never constants, because machine code on disk must not contain them. A code generator gets
 Numba's context, an LLVM builder, the types of the call, and its arguments as LLVM values.
@@ -18,6 +18,7 @@ WORD = ir.IntType(64)
 _BYTE, _HALF = ir.IntType(8), ir.IntType(32)
 _ATOMIC = "seq_cst"
 RANGE = (types.int64, types.int64, types.int64)
+ROWS, LANES = 6, 16  # size of a block in :func:`multiply_block`, whose sums fit in the registers of a processor
 
 
 def operation(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -154,3 +155,40 @@ def pause(context, builder, signature):  # type: ignore[no-untyped-def]
     if _HAS_PAUSE:
         kind = ir.FunctionType(ir.VoidType(), [])
         builder.call(cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.sse2.pause"), [])
+
+
+@operation(types.void, None, types.float32, types.int64, types.int64)
+def multiply_block(context, builder, signature, arrays, least, row, column):  # type: ignore[no-untyped-def]
+    """Write ``max(start[which] + inputs @ weight, least)`` to a block of ``out`` from row and column on.
+
+    ``arrays`` are C-contiguous: inputs, weight, start and out (float32 matrices), and which (int64, one for each row).
+    Products are added in order, with one rounding (fma): other rows and the processor do not change the bits.
+    """
+    real, vector = ir.FloatType(), ir.VectorType(ir.FloatType(), LANES)
+    fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector] * 3), f"llvm.fma.v{LANES}f32")
+    inputs, weight, start, out, which = (
+        context.make_array(kind)(context, builder, builder.extract_value(arrays, k))
+        for k, kind in enumerate(signature.args[0])
+    )
+
+    def at(matrix, row, column, kind=vector):  # type: ignore[no-untyped-def]
+        index = builder.add(builder.mul(row, builder.extract_value(matrix.shape, 1)), column)
+        return builder.bitcast(builder.gep(matrix.data, [index]), kind.as_pointer())
+
+    def repeated(value):  # type: ignore[no-untyped-def]
+        one = builder.insert_element(vector(ir.Undefined), value, WORD(0))
+        return builder.shuffle_vector(one, one, ir.VectorType(_HALF, LANES)(None))
+
+    last, bound = builder.sub(builder.extract_value(out.shape, 0), WORD(1)), repeated(least)
+    rows = [builder.add(row, WORD(k)) for k in range(ROWS)]
+    rows = [builder.select(builder.icmp_signed("<", own, last), own, last) for own in rows]
+    starts = [at(start, builder.load(builder.gep(which.data, [own])), column) for own in rows]
+    sums = [cgutils.alloca_once_value(builder, builder.load(place, align=4)) for place in starts]
+    with cgutils.for_range(builder, builder.extract_value(weight.shape, 0)) as loop:
+        weights = builder.load(at(weight, loop.index, column), align=4)
+        for own, total in zip(rows, sums, strict=True):
+            value = repeated(builder.load(at(inputs, own, loop.index, real)))
+            builder.store(builder.call(fma, [value, weights, builder.load(total)]), total)
+    for own, total in zip(rows, map(builder.load, sums), strict=True):
+        value = builder.select(builder.fcmp_ordered("<", total, bound), bound, total)  # NaN stays
+        builder.store(value, at(out, own, column), align=4)

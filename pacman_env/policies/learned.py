@@ -1,6 +1,6 @@
-"""Learned planner as a policy: an ONNX file that onnxruntime runs on the planner features.
+"""Learned planner as a policy: the network of an ONNX file, applied to the planner features.
 
-onnxruntime is imported when the first planner is created.
+The built-in planner has a compiled forward pass. onnxruntime runs other files, and is imported for the first one.
 """
 
 import os
@@ -14,6 +14,7 @@ from pacman_env.config.validation import located
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy, Explanation
+from pacman_env.policies.forward_pass import ForwardPass
 from pacman_env.policies.metadata import PlannerMetadata, read_planner
 from pacman_env.policies.policy_calls import PolicyError
 
@@ -73,13 +74,15 @@ class LearnedPlanner(BasePolicy):
     def run(
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Run the network and return logits (B, C), -1e8 for candidates outside ``mask`` (B, C), and values (B,).
+        """Run the network and return logits (B, C), at most -1e8 outside ``mask`` (B, C), and values (B,).
 
         ``candidates`` (B, C, F) and ``whole`` (B, H) are results of ``planner_features``. Raises PolicyError if the
         network does not run or returns another shape.
         """
         try:
             own, context = candidates[..., self._columns], whole[:, self._whole_columns]
+            if isinstance(self._session, ForwardPass):
+                return self._session.run(own, context, mask)
             inputs = {"candidates": own, "globals": context, "mask": mask}
             logits, values = self._session.run(list(_OUTPUTS), inputs)
         except Exception as error:  # onnxruntime's errors have no common base class
@@ -89,15 +92,17 @@ class LearnedPlanner(BasePolicy):
             raise PolicyError(f"policy {self.name!r}: {self.path}: outputs: found {found}, expected {expected}")
         return logits, values
 
-    def _judge(self, situation: Situation) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float32]]:
+    def _judge(self, situation: Situation) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float32]]:
         """Return logits (N, C), values (N,) and the candidates' features (N, C, F).
 
-        Each game runs alone with its allowed candidates, because sums over other shapes round differently, and a game
-        must not depend on its batch.
+        In onnxruntime, each game runs alone with its allowed candidates, because sums over other shapes round
+        differently, and a game must not depend on its batch.
         """
         if situation.maps is None:
             raise ValueError(f"policy {self.name!r}: the situation has no maps to look ahead on")
         candidates, whole = planner_features(situation, self.metadata.robot_speed_mps)
+        if isinstance(self._session, ForwardPass):
+            return *self.run(candidates, whole, situation.mask), candidates
         logits = np.full(situation.mask.shape, -np.inf)
         values = np.full(len(logits), np.nan)
         for i, mask in enumerate(situation.mask):
@@ -115,7 +120,9 @@ def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
 
 
 def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) -> Any:
-    """Create an onnxruntime session of a model with the inputs that its metadata names, and test it once."""
+    """Return a compiled forward pass of the built-in planner, or an onnxruntime session that was tested once."""
+    if path == PRETRAINED and not metadata.dropped_kinds:
+        return ForwardPass(model)
     try:
         import onnxruntime
     except ModuleNotFoundError:

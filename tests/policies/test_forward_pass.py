@@ -1,0 +1,34 @@
+"""The compiled forward pass against onnxruntime; that batches change no bit: ``test_registry.py``."""
+
+import pickle
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pacman_env.observations.planner_features import planner_features
+from pacman_env.policies.forward_pass import ForwardPass
+from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
+from tests.policies.contract import random_situation
+
+
+def test_forward_pass_judges_as_onnxruntime_does(tmp_path: Path) -> None:
+    for ending in (".json", ".onnx"):
+        shutil.copy(PRETRAINED.with_suffix(ending), tmp_path)
+    planner = LearnedPlanner(tmp_path / PRETRAINED.name)  # another path, so onnxruntime runs it
+    situation = random_situation(0, 200)
+    situation.mask[3] = False
+    features = planner_features(situation, 0.25)
+    logits, values = ForwardPass(planner.path.read_bytes()).run(*features, situation.mask)
+    expected, expected_values = planner.run(*features, situation.mask)
+    assert (logits[~situation.mask] == -np.inf).all()
+    np.testing.assert_allclose(logits[situation.mask], expected[situation.mask], rtol=1e-5, atol=1e-5)
+    np.testing.assert_allclose(values, expected_values, rtol=1e-5, atol=1e-5)
+
+
+def test_built_in_planner_needs_no_onnxruntime(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    situation, planner = random_situation(1, 5), LearnedPlanner()
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(planner)).scores(situation), planner.scores(situation))
