@@ -31,7 +31,7 @@ from pacman_env.envs.registration import IDS
 from pacman_env.game.ghosts import BEHAVIOURS
 from pacman_env.levels.assets import map_assets
 from pacman_env.observations.kinds import BUILT_IN_KINDS, ObservationPart
-from pacman_env.training.run_arguments import Hyperparameters
+from pacman_env.training.arguments import Hyperparameters
 from pacman_env.web.frame import Frame, OptionalFields
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, number, table, update

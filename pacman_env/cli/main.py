@@ -24,7 +24,7 @@ MODULES = {
     "compare": ("evaluation.compare.__main__", "compare policies on the same rounds: tables, plot, page, film"),
     "dataset": ("evaluation.dataset", "record rounds of a policy for offline learning (Minari)"),
     "replay": ("evaluation.replay", "replay one round as a video, with the policies' reasons"),
-    "train": ("training.train", "train a planner"),
+    "train": ("training.ppo", "train a planner"),
     "export": ("training.export", "convert a trained planner to an ONNX file"),
 }
 #: Groups of commands in the help.

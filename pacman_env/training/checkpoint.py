@@ -1,9 +1,11 @@
-"""Checkpoints of planners: the zip of the network, its file of facts, and both loaded as a policy.
+"""Checkpoints of planners: the zip of the network, its file of facts, both loaded as a policy, and a run's folder.
 
 A checkpoint has the layout of Stable-Baselines3's zips, which earlier versions wrote. Those zips also contain pickled
 objects, which could run any code. Therefore only tensors and plain JSON are read.
 """
 
+import dataclasses
+import hashlib
 import io
 import json
 import zipfile
@@ -15,16 +17,20 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from pacman_env import __version__
 from pacman_env.config import make_config
 from pacman_env.config.validation import Number, located
-from pacman_env.files import replaced, write_text
+from pacman_env.files import replaced, write_json, write_text
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
 from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.metadata import Training, dump, read
-from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.games import VALIDATION_LEVEL, game_config
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
 _PREFIX = "network."  # prefix of the weights' names
+_NEEDED = ("decisions", "against_league", "again")  # fields of segment records that are needed to resume
 
 
 class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,6 +39,21 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     robot_speed_mps: Number  # speed with which the features were built
     training: Training
     metrics: dict[str, Number]
+
+
+def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
+    """Return the facts of a network after ``decisions`` decisions; ``metrics`` by name."""
+    training = Training(
+        clyde_speeds_mps=arguments.hyper.clyde_speed,
+        robot_speeds_mps=arguments.hyper.robot_speed,
+        levels=f"generated:train below {VALIDATION_LEVEL}",
+        preset=arguments.preset,
+        execution=arguments.execution,
+        decisions=decisions,
+        seed=arguments.seed,
+        ghosts=arguments.hyper.ghosts,
+    )
+    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
 def facts_path(checkpoint: Path) -> Path:
@@ -115,10 +136,13 @@ class TorchPlanner(BasePolicy):
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return the logits (N, C) of the candidates in N situations, -inf for forbidden candidates."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
-        with torch.no_grad():
-            logits, _ = self.network(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
-        scores = logits.numpy().astype(np.float64)
-        return np.where(scores > FORBIDDEN / 10, scores, -np.inf)
+        with torch.inference_mode():
+            packed, order = self.network.pack(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
+            logits, _ = self.network.judge_packed(packed.of(slice(None)))
+        scores = np.full(situation.mask.shape, -np.inf)
+        ranked = np.where(logits > FORBIDDEN / 10, logits, -np.inf)
+        np.put_along_axis(scores, order[:, : logits.shape[1]].numpy(), ranked, axis=1)
+        return scores
 
 
 def load_planner(path: Path) -> TorchPlanner:
@@ -127,3 +151,74 @@ def load_planner(path: Path) -> TorchPlanner:
     facts = facts_path(path)
     speed = read_facts(facts).robot_speed_mps if facts.exists() else make_config("robot").robot.speed_mps
     return TorchPlanner(path.stem, network, speed)
+
+
+class Run:
+    """Folder of a run: ``run.json``, ``last.zip``, ``best.zip`` and TensorBoard's files."""
+
+    def __init__(self, arguments: Arguments) -> None:
+        self.arguments, self.folder = arguments, arguments.out
+        self.segments: list[dict[str, Any]] = []
+        self.record = self.folder / "run.json"
+        self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
+        if arguments.resume:
+            self._read()
+        elif self.record.exists():
+            raise ValueError(f"{self.folder}: there is a run already; give --resume or another --out")
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    def _read(self) -> None:
+        with located(f"{self.record}: no run to resume", ValueError, (OSError, ValueError, KeyError, TypeError)):
+            content = json.loads(self.record.read_text())
+            arguments = content["arguments"]
+            self.segments = list(content["segments"])
+            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
+            if [number for number, _ in numbers] != list(range(len(numbers))):
+                raise ValueError("its segments are not in order")
+            for segment in self.segments:
+                if missing := [name for name in _NEEDED if name not in segment]:
+                    raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
+        _check_same(self.record, arguments, _plain(self.arguments))
+
+    def against_league(self) -> dict[str, tuple[int, int]]:
+        """Return the league's record in the last segment."""
+        return self.segments[-1]["against_league"] if self.segments else {}
+
+    def checkpoint(self, segment: int) -> Path:
+        """Return the file of the state after a segment; it is deleted when the next one is written."""
+        return self.folder / f"segment-{segment}.zip"
+
+    def write(self, network: EntityNetwork, optimizer: torch.optim.Optimizer, result: dict[str, Any]) -> None:
+        """Write the checkpoints of a segment and then its record ``result``."""
+        segment = result["segment"]
+        best = max((old["completed"] for old in self.segments), default=-1.0)
+        self.segments.append(result)
+        numbers = {name: float(value) for name, value in result.items() if isinstance(value, (int, float))}
+        facts = facts_of(self.arguments, result["decisions"], numbers)
+        for path in (self.checkpoint(segment), self.last, *([self.best] if result["completed"] >= best else [])):
+            save_checkpoint(path, network, optimizer)
+            write_facts(facts_path(path), facts)
+        content = {"version": __version__, "arguments": _plain(self.arguments), "segments": self.segments}
+        write_json(self.record, content)
+        for path in (self.checkpoint(segment - 1), facts_path(self.checkpoint(segment - 1))):
+            path.unlink(missing_ok=True)
+
+
+def _plain(arguments: Arguments) -> dict[str, Any]:
+    """Return the arguments that decide the curve, as plain JSON data; ``start`` is the hash of its file."""
+    plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(arguments), default=str))
+    for name in ("out", "resume", "progress", "threads"):
+        del plain[name]
+    if arguments.start is not None:
+        plain["start"] = hashlib.sha256(arguments.start.read_bytes()).hexdigest()
+    return plain
+
+
+def _check_same(record: Path, theirs: Any, ours: dict[str, Any]) -> None:
+    """Raise ValueError with the first field, nested fields included, that differs from ``ours``."""
+    for name, value in ours.items():
+        other = theirs.get(name) if isinstance(theirs, dict) else None
+        if isinstance(value, dict):
+            _check_same(record, other, value)
+        elif other != value:
+            raise ValueError(f"{record}: was started with {name} = {other}, not {value}")

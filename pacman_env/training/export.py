@@ -1,23 +1,21 @@
 """Write a trained planner as a file that runs without torch: ``pacman-env export``.
 
-The graph is built from the weights, operator by operator, so that it needs no exporter and the same weights give the
-same bytes. The metadata (:mod:`pacman_env.policies.metadata`) is written next to the ONNX file.
+``torch.onnx.export`` writes the graph of the network's ``forward``. The weights keep their names in the file, so that
+it can be read back. The metadata (:mod:`pacman_env.policies.metadata`) is written next to the ONNX file.
 """
 
 import argparse
 import copy
 import hashlib
+import io
 import os
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import onnx
 import torch
-from numpy.typing import NDArray
-from onnx import TensorProto, helper, numpy_helper
-from torch import nn
 
 from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command
@@ -27,93 +25,36 @@ from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path, read_planner
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
-from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
+from pacman_env.training.network import EntityNetwork
 
-OPSET, IR_VERSION = 17, 8  # supported by onnxruntime 1.13 and newer
+OPSET = 17  # supported by onnxruntime 1.13 and newer
 TOLERANCE = 1e-5  # largest difference between the results of torch and of the file
-#: Layers in the order of their weights in the file; the weights of the first and third layer are split in two.
-_LAYERS = ("encode_candidate", "encode", "judge_candidate", "judge", "critic.0", "critic.2")
-
-
-class _Graph:
-    """Nodes and constants of a graph, named by operator or number."""
-
-    def __init__(self) -> None:
-        self.nodes: list[Any] = []
-        self.constants: list[Any] = []
-
-    def constant(self, value: Any, dtype: type = np.float32) -> str:
-        name = f"constant_{len(self.constants)}"
-        self.constants.append(numpy_helper.from_array(np.array(value, dtype, order="C"), name))
-        return name
-
-    def add(self, operator: str, *inputs: str, output: str = "", **attributes: Any) -> str:
-        name = output or f"{operator.lower()}_{len(self.nodes)}"
-        self.nodes.append(helper.make_node(operator, inputs, [name], **attributes))
-        return name
-
-    def product(self, inputs: str, weight: NDArray[np.float32], bias: torch.Tensor | None = None) -> str:
-        result = self.add("MatMul", inputs, self.constant(weight.T))
-        return result if bias is None else self.add("Add", result, self.constant(_array(bias)))
-
-    def linear(self, layer: nn.Linear, inputs: str) -> str:
-        return self.product(inputs, _array(layer.weight), layer.bias)
-
-    def halves(self, layer: nn.Linear, own: str, context: str, shown: NDArray[np.float32]) -> str:
-        """Add a layer with ReLU whose inputs are ``own`` (B, C, n) and ``context`` (B, m); return its output's name.
-
-        The output is (B, C, width). ``shown`` (n,) scales the numbers of ``own``.
-        """
-        weight, count = _array(layer.weight), len(shown)
-        part = self.add("Unsqueeze", self.product(context, weight[:, count:], layer.bias), self.axes(1))
-        return self.add("Relu", self.add("Add", self.product(own, weight[:, :count] * shown), part))
-
-    def axes(self, *axes: int) -> str:
-        return self.constant(axes, np.int64)
-
-
-def _array(tensor: torch.Tensor) -> NDArray[np.float32]:
-    return tensor.detach().numpy()
+_AXES = {"candidates": ("games", "count"), "globals": ("games",), "mask": ("games", "count")}
+_AXES |= {"logits": ("games", "count"), "values": ("games",)}
 
 
 def model_bytes(network: EntityNetwork) -> bytes:
     """Return the network's ``forward`` as the bytes of an ONNX model, for any number of games B and candidates C.
 
     The inputs are ``candidates`` (B, C, F) and ``globals`` (B, H), float32, and ``mask`` (B, C), bool. The outputs are
-    ``logits`` (B, C) and ``values`` (B,), float32.
+    ``logits`` (B, C) and ``values`` (B,), float32. The same weights give the same bytes.
     """
-    g = _Graph()
-    mask = "mask"
-    for kind in network.dropped_kinds:
-        column = g.add("Gather", "candidates", g.constant(kind, np.int64), axis=2)
-        mask = g.add("And", mask, g.add("Less", column, g.constant(0.5)))
-    ones = g.add("Cast", mask, to=TensorProto.FLOAT)
-    encoded = g.halves(network.encode_candidate, "candidates", "globals", _array(network.shown))
-    encoded = g.add("Relu", g.linear(network.encode, encoded))
-    shown = g.add("Mul", encoded, g.add("Unsqueeze", ones, g.axes(2)))
-    count = g.add("Max", g.add("ReduceSum", ones, g.axes(1), keepdims=1), g.constant(1.0))
-    mean = g.add("Div", g.add("ReduceSum", shown, g.axes(1), keepdims=0), count)
-    pooled = g.add("Concat", mean, g.add("ReduceMax", shown, axes=[1], keepdims=0), axis=1)
-    judged = g.halves(network.judge_candidate, encoded, pooled, np.ones(network.width, np.float32))
-    logits = g.add("Squeeze", g.linear(network.judge, judged), g.axes(2))
-    g.add("Where", mask, logits, g.constant(FORBIDDEN), output="logits")
-    first, last = (layer for layer in network.critic if isinstance(layer, nn.Linear))
-    hidden = g.add("Relu", g.linear(first, g.add("Concat", pooled, "globals", axis=1)))
-    g.add("Squeeze", g.linear(last, hidden), g.axes(1), output="values")
-
     whole = network.encode_candidate.in_features - network.candidate_features
-    real, value = TensorProto.FLOAT, helper.make_tensor_value_info
-    inputs = [
-        value("candidates", real, ["games", "count", network.candidate_features]),
-        value("globals", real, ["games", whole]),
-        value("mask", TensorProto.BOOL, ["games", "count"]),
-    ]
-    outputs = [value("logits", real, ["games", "count"]), value("values", real, ["games"])]
-    graph = helper.make_graph(g.nodes, "planner", inputs, outputs, g.constants)
-    opset = [helper.make_opsetid("", OPSET)]
-    model = helper.make_model(graph, opset_imports=opset, ir_version=IR_VERSION, producer_name="pacman_env")
-    onnx.checker.check_model(model, full_check=True)
-    return bytes(model.SerializeToString(deterministic=True))
+    inputs = torch.zeros(2, 3, network.candidate_features), torch.zeros(2, whole), torch.ones(2, 3, dtype=torch.bool)
+    file = io.BytesIO()
+    with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
+        torch.onnx.export(  # the new exporter, dynamo=True, would need the package onnxscript
+            network,
+            inputs,
+            file,
+            dynamo=False,
+            opset_version=OPSET,
+            do_constant_folding=False,  # so that the weights keep their names
+            input_names=list(_AXES)[:3],
+            output_names=list(_AXES)[3:],
+            dynamic_axes={name: dict(enumerate(axes)) for name, axes in _AXES.items()},
+        )
+    return file.getvalue()
 
 
 def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
@@ -134,7 +75,7 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         candidate_features=CANDIDATE_FEATURES,
         global_features=GLOBAL_FEATURES,
         width=network.width,
-        dropped_features=tuple(np.array(CANDIDATE_FEATURES)[_array(network.shown) == 0].tolist()),
+        dropped_features=tuple(np.array(CANDIDATE_FEATURES)[network.shown.numpy() == 0].tolist()),
         dropped_kinds=tuple(CANDIDATE_FEATURES[kind] for kind in network.dropped_kinds),
         robot_speed_mps=facts.robot_speed_mps,
         training=facts.training,
@@ -143,11 +84,10 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
         metrics=facts.metrics,
         sha256=hashlib.sha256(content).hexdigest(),
     )
-    beside = metadata_path(path)
-    text = dump(metadata, beside)
-    for file in (path, beside):
+    text = dump(metadata, metadata_path(path))
+    for file in (path, metadata_path(path)):
         prepare(file)
-    with replaced(path) as new_model, replaced(beside) as new_metadata:
+    with replaced(path) as new_model, replaced(metadata_path(path)) as new_metadata:
         new_model.write_bytes(content)
         new_metadata.write_text(text)
         _compare(network, LearnedPlanner(new_model))
@@ -155,7 +95,7 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
 
 def network_of(path: Path) -> EntityNetwork:
     """Return the network in an ONNX file of :func:`export_planner`; raises ValueError for another graph."""
-    LearnedPlanner(path)  # refuses external weights and graphs that do not run
+    planner = LearnedPlanner(path)  # refuses external weights and graphs that do not run
     metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
@@ -164,19 +104,24 @@ def network_of(path: Path) -> EntityNetwork:
         [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
         [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
     )
-    graph = onnx.load_model_from_string(content).graph
-    arrays = (numpy_helper.to_array(tensor) for tensor in graph.initializer)
-    left = [torch.tensor(array) for array in arrays if array.dtype == np.float32 and array.ndim > 0]
-    state = {"shown": network.shown}
-    with located(f"{path}: no graph that pacman-env export writes", ValueError, (IndexError, RuntimeError)):
-        for k, name in enumerate(_LAYERS):
-            weight, bias = left.pop(0).T, left.pop(0)
-            state |= {f"{name}.weight": torch.cat([left.pop(0).T, weight], dim=1) if k in (0, 2) else weight}
-            state |= {f"{name}.bias": bias}
-        network.load_state_dict(state)
-    if onnx.load_model_from_string(model_bytes(network)).graph != graph:
-        raise ValueError(f"{path}: no graph that pacman-env export writes")
+    tensors = onnx.load_model_from_string(content).graph.initializer
+    with located(f"{path}: no graph that pacman-env export writes", ValueError, (RuntimeError, ValueError)):
+        network.load_state_dict({tensor.name: torch.tensor(onnx.numpy_helper.to_array(tensor)) for tensor in tensors})
+        _compare(network, planner)
     return network
+
+
+def start_from(path: Path, network: EntityNetwork) -> None:
+    """Copy the weights of a planner, an ONNX file or a checkpoint (.zip), into a network of the same width and inputs.
+
+    Raises ValueError if the planner has another width or was trained with other ablations.
+    """
+    planner = load_network(path) if path.suffix.lower() == ".zip" else network_of(path)
+    if planner.width != network.width:
+        raise ValueError(f"width = {network.width}: {path} has {planner.width}")
+    if planner.dropped_kinds != network.dropped_kinds or not torch.equal(planner.shown, network.shown.cpu()):
+        raise ValueError(f"without: {path} was trained with other ablations")
+    network.load_state_dict(planner.state_dict())
 
 
 def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
@@ -187,11 +132,10 @@ def _compare(network: EntityNetwork, planner: LearnedPlanner) -> None:
         whole = rng.uniform(-2, 2, (games, len(GLOBAL_FEATURES))).astype(np.float32)
         mask = rng.random((games, count)) < 0.6
         with torch.no_grad():
-            expected = network(*(torch.from_numpy(a) for a in (candidates, whole, mask)))
-        results = planner.run(candidates, whole, mask)
-        for name, one, other in zip(("logits", "values"), results, expected, strict=True):
-            if not np.allclose(one, _array(other), rtol=TOLERANCE, atol=TOLERANCE):
-                worst = np.abs(one - _array(other)).max()
+            expected = network(*map(torch.from_numpy, (candidates, whole, mask)))
+        for name, one, other in zip(("logits", "values"), planner.run(candidates, whole, mask), expected, strict=True):
+            if not np.allclose(one, other, rtol=TOLERANCE, atol=TOLERANCE):
+                worst = np.abs(one - other.numpy()).max()
                 raise ValueError(f"{planner.path}: {name} differ from torch's by {worst}, more than {TOLERANCE}")
 
 

@@ -3,24 +3,26 @@
 import copy
 import functools
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
+from pacman_env.engine.cores import cores
 from pacman_env.episodes.rollout import episode_seeds, play_in
-from pacman_env.executors.executor import Executor
+from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.game.ends import COMPLETE
 from pacman_env.game.ghosts import POLICY
 from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps
 from pacman_env.policies.base import Policy
 from pacman_env.sim.batch import GameBatch
-from pacman_env.training.fragments import use_device
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_settings
 from pacman_env.training.lineups import LEARNED, behaviours
-from pacman_env.training.run_arguments import Arguments
-from pacman_env.training.training_games import VALIDATION_LEVEL, game_config, lineup_settings
 
+_RULES = ("clyde_aware", "lookahead", "nearest")  # policies that the report compares with
 _HELD_OUT = 128  # number of levels for validation, and of levels for the report
 _ROUNDS = 64  # rounds of a task; with another number, sums of the network are rounded differently
 
@@ -46,14 +48,13 @@ class HeldOut:
         self,
         arguments: Arguments,
         rounds: int,
-        executor: Executor,
         *,
         test: bool = False,
         ghosts: Sequence[str] | None = None,
     ) -> None:
         lineups = arguments.hyper.lineups if ghosts is None else ghosts
         self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})
-        self._arguments, self._executor, self._first = arguments, executor, TEST_LEVEL if test else VALIDATION_LEVEL
+        self._arguments, self._first = arguments, TEST_LEVEL if test else VALIDATION_LEVEL
         self.seeds = episode_seeds(arguments.seed if test else VALIDATION_LEVEL, rounds)
         ends = [rounds * k // len(lineups) for k in range(len(lineups) + 1)]
         #: Rounds that are played against each line-up.
@@ -64,7 +65,6 @@ class HeldOut:
         tasks: list[tuple[Config, dict[int, Policy], NDArray[np.uint64]]] = []  # configuration, ghosts, seeds (E,)
 
         def play(task: tuple[Config, dict[int, Policy], NDArray[np.uint64]]) -> NDArray[np.bool_]:
-            use_device("cpu")
             config, ghosts, seeds = task
             games = GameBatch(_levels(self._config, self._first), config, len(seeds))
             own_policy, own_ghosts = copy.deepcopy((policy, ghosts))  # other threads play with the originals
@@ -81,7 +81,8 @@ class HeldOut:
             config = self._config.with_fields(**changes)
             seeds = self.seeds[rows]
             tasks += [(config, ghosts, seeds[k : k + _ROUNDS]) for k in range(0, len(seeds), _ROUNDS)]
-        return np.concatenate([*self._executor.map(play, tasks), np.zeros(0, dtype=np.bool_)])
+        with ThreadPoolExecutor(self._arguments.threads or cores()) as pool:
+            return np.concatenate([*pool.map(play, tasks), np.zeros(0, dtype=np.bool_)])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
         """Return the completion rates in the mask (E,): over all rounds, and by line-up (0 if there are no rounds)."""
@@ -94,3 +95,25 @@ class HeldOut:
         numbers = np.arange(len(self.seeds))
         parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
         return np.concatenate([*parts, numbers[:0]])
+
+
+def report(arguments: Arguments, planner: Policy, learned: Policy, seconds: float) -> str:
+    """Return the planner's table: completed test rounds, compared with rules, after ``seconds`` of training."""
+    hyper = arguments.hyper
+    lines = [f"{hyper.segments * hyper.segment} decisions, seed {arguments.seed}, {seconds:.0f} s"]
+    if arguments.evaluation == 0:
+        return lines[0]
+    test = HeldOut(arguments, arguments.evaluation, test=True)
+    played = {"ppo": test.completed(planner, learned), **{rule: test.completed(rule, learned) for rule in _RULES}}
+    low, high = hyper.clyde_speed
+    lines += [f"{len(test.seeds)} rounds on test levels, Clyde {low}-{high} m/s:", ""]
+    several = len(test.rows) > 1
+    lines += [f"| {'ghosts | ' * several}policy | completed | ppo minus it, paired |", "|---" * (3 + several) + "|"]
+    for lineup, rows in (({"all": slice(None)} if several else {}) | test.rows).items():
+        for name, ended in played.items():
+            share, (first, last) = ended[rows].mean(), wilson(int(ended[rows].sum()), len(ended[rows]))
+            difference, (low, high) = paired_difference(played["ppo"][rows], ended[rows])
+            against = "" if name == "ppo" else f"{difference:+.1%} [{low:+.1%}, {high:+.1%}]"
+            place = f"{lineup} | " if several else ""
+            lines.append(f"| {place}{name} | {share:.1%} [{first:.1%}, {last:.1%}] | {against} |")
+    return "\n".join(lines)

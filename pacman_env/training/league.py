@@ -11,20 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from tqdm import tqdm
 
-from pacman_env.executors.executor import Executor
-from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
-from pacman_env.training.collector import Collector
-from pacman_env.training.export import export_planner, network_of
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import facts_of
+from pacman_env.training.export import export_planner
 from pacman_env.training.lineups import LEARNED
-from pacman_env.training.ppo import PPO
-from pacman_env.training.run_arguments import Arguments
-from pacman_env.training.training_games import facts_of, make_ghost_parts
+from pacman_env.training.network import EntityNetwork
 
 _GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each game per rollout
 _RATE = 1e-3, 1e-4  # Clyde's first and last learning rate
@@ -37,10 +32,10 @@ Record = Mapping[str, tuple[int, int]]
 
 
 class League:
-    """Members that a run has trained so far, as ONNX files in ``folder``."""
+    """Members that a run has trained so far, as ONNX files in its folder."""
 
-    def __init__(self, arguments: Arguments, folder: Path) -> None:
-        self._arguments, self._folder = arguments, folder
+    def __init__(self, arguments: Arguments) -> None:
+        self._arguments = arguments
 
     def names(self, segment: int) -> list[str]:
         """Return the members in a segment: one more after every ``league_every`` segments."""
@@ -48,31 +43,26 @@ class League:
         return [f"clyde-{k + 1}" for k in range(segment // every if every else 0)]
 
     def path(self, name: str) -> Path:
-        return self._folder / f"{name}.onnx"
+        return self._arguments.out / f"{name}.onnx"
 
     def is_due(self, segment: int) -> bool:
         """Return True if a member is trained before a segment."""
-        every = self._arguments.hyper.league_every
-        return every > 0 and segment > 0 and segment % every == 0
+        return len(self.names(segment)) > len(self.names(max(segment - 1, 0)))
 
-    def train(self, segment: int, planner: Policy, executor: Executor) -> None:
-        """Train the due member against the current planner.
+    def training(self, segment: int) -> tuple[Arguments, Path | None, list[int]]:
+        """Return the arguments of the due member's training, the planner that it starts from, and two seeds.
 
         Members with odd numbers start from random weights, to find new weaknesses. Members with even numbers start from
         the weights of their predecessor.
         """
-        names = self.names(segment)
-        arguments = clyde_arguments(self._arguments)
+        names, arguments = self.names(segment), clyde_arguments(self._arguments)
         seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment, _STREAM)).generate_state(2).tolist()
-        learner = PPO(arguments.hyper, seeds[0], threads=arguments.threads)
-        if len(names) % 2 == 0:
-            learner.network.load_state_dict(network_of(self.path(names[-2])).state_dict())
-        torch.manual_seed(seeds[0])
-        bar = tqdm(disable=True)
-        parts = make_ghost_parts(arguments, segment, planner)
-        games = Collector(parts, executor)
-        learner.learn(games, arguments.hyper.decisions, seeds[1], bar)
-        export_planner(learner.network, self.path(names[-1]), facts_of(arguments, learner.decisions, {}))
+        return arguments, self.path(names[-2]) if len(names) % 2 == 0 else None, seeds
+
+    def add(self, segment: int, network: EntityNetwork, decisions: int) -> None:
+        """Write the due member, which learned from ``decisions`` decisions."""
+        facts = facts_of(clyde_arguments(self._arguments), decisions, {})
+        export_planner(network, self.path(self.names(segment)[-1]), facts)
 
     def pool(self, segment: int, record: Record) -> Opponents:
         """Return the policies of ghosts called ``learned`` in a segment, with weights from the rounds in ``record``."""
@@ -104,5 +94,5 @@ def clyde_arguments(arguments: Arguments) -> Arguments:
     rollout = _GAMES * _STEPS
     changes: dict[str, Any] = {"games": _GAMES, "n_steps": _STEPS, "segment": rollout, "batch_size": rollout // 4}
     changes |= {"decisions": _DECISIONS, "learning_rate": _RATE, "cycles": 1, "gamma": _GAMMA}
-    changes |= {"ghosts": (LEARNED,), "clyde_speed": _SPEED_MPS, "decide": "tick", "imitation": 0}
-    return dataclasses.replace(arguments, hyper=dataclasses.replace(hyper, **changes))
+    changes |= {"ghosts": (LEARNED,), "clyde_speed": _SPEED_MPS, "decide": "tick", "imitation": 0, "value_decisions": 0}
+    return dataclasses.replace(arguments, start=None, hyper=dataclasses.replace(hyper, **changes))

@@ -1,45 +1,169 @@
-"""PPO (Schulman et al., 2017) over candidates with action masks, and imitation before it.
+"""PPO (Schulman et al., 2017) over candidates with action masks: ``pacman-env train``, from arguments to update.
 
-From random weights, PPO spends its first half million decisions on hiding from Clyde; imitation avoids this.
+A training consists of segments. A segment starts with new games and its own random numbers, drawn from the run's seed
+and the segment's number, and ends with a checkpoint. An interrupted run therefore continues from its last checkpoint
+with the same curve, bit for bit. The loop of a segment is: collect a rollout, compute advantages, update in minibatches.
 
-The loop is: collect a rollout, compute advantages (GAE), update in minibatches. Situations are packed once, when they
-are collected (``planner_network.PackedSituations``). Threads share the chunks of a minibatch, each small enough for a
-processor's cache. Gradients are added in the order of the chunks, so the number of threads does not change the result.
+Threads play the parts of the games and share the chunks of a minibatch, each small enough for a processor's cache.
+Gradients are added in the order of the chunks, so the number of threads does not change the result.
 """
 
+import copy
+import itertools
+import sys
 import time
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from stable_baselines3.common.logger import Logger
-from stable_baselines3.common.utils import explained_variance
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
 
+from pacman_env.command_line.command import guarded
 from pacman_env.engine.cores import cores
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.training.collector import Collector
-from pacman_env.training.fragments import Fragment, check
-from pacman_env.training.planner_network import EntityNetwork, PackedSituations, joined
-from pacman_env.training.run_arguments import Hyperparameters
-from pacman_env.training.training_games import Ending
+from pacman_env.training.arguments import Arguments, Hyperparameters, parse
+from pacman_env.training.arguments import make_parser as make_parser
+from pacman_env.training.checkpoint import Run, TorchPlanner, facts_path, read_facts, restore
+from pacman_env.training.export import export_planner, start_from
+from pacman_env.training.games import (
+    Ending,
+    Games,
+    clyde_limit,
+    dropped,
+    game_config,
+    levels_to_repeat,
+    make_ghost_parts,
+    make_parts,
+    start,
+)
+from pacman_env.training.held_out import HeldOut, report
+from pacman_env.training.labels import imitate
+from pacman_env.training.league import League
+from pacman_env.training.lineups import teacher_name
+from pacman_env.training.network import EntityNetwork, PackedSituations, check, choose, joined, use_device
 
 #: Returns, for the rows of a chunk, the chunk's part of the minibatch's loss and metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+Numbers = dict[str, float]  # logged numbers by their names in TensorBoard
 _CHUNK = 512  # situations of a minibatch that go through the network at once
 _METRICS = ("policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
-#: Imitation: number of turns of playing and fitting, epochs of each turn, minibatch size, learning rate.
-_ROUNDS, _EPOCHS, _BATCH, _RATE = 4, 2, 2048, 1e-3
-_ENTROPY = 0.1  # entropy coefficient of imitation, so that PPO can still explore
-_ENDINGS = 1000  # most endings from which the logged shares are computed
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    return guarded("pacman-env train", lambda: run(parse(sys.argv[1:] if argv is None else argv)), "train")
+
+
+def run(arguments: Arguments) -> None:
+    """Train a planner, compare it with rules in test rounds, and write it as ONNX file."""
+    began = time.perf_counter()
+    folder, model = train(arguments)
+    pool = League(arguments).pool(arguments.hyper.segments - 1, folder.against_league())
+    print(report(arguments, planner_of(arguments, model), pool, time.perf_counter() - began))
+    out = arguments.out / "planner.onnx"
+    export_planner(model.network, out, read_facts(facts_path(folder.last)))
+    print(f"written: {out} (as a policy: pacman-env compare --policies {out})")
+
+
+def train(
+    arguments: Arguments, after_segment: Callable[[dict[str, Any]], None] = lambda record: None
+) -> tuple[Run, "PPO"]:
+    """Train all remaining segments; return the run's folder and the final model.
+
+    ``after_segment`` is called with the record of each segment, earlier ones included; its exceptions end the training.
+    """
+    folder = Run(arguments)
+    hyper, first = arguments.hyper, len(folder.segments)
+    model = PPO(hyper, arguments.seed, arguments.device, arguments.threads, **dropped(arguments))
+    if first > 0:
+        restore(folder.checkpoint(first - 1), model.network, model.optimizer)
+    elif arguments.start is not None:
+        start_from(arguments.start, model.network)
+    for record in folder.segments:
+        after_segment(record)
+    shown: dict[str, Any] = {"unit": "decision", "unit_scale": True, "mininterval": 1.0, "file": sys.stderr}
+    shown |= {"total": hyper.segments * hyper.segment, "initial": first * hyper.segment}
+    validation = HeldOut(arguments, arguments.evaluation)
+    with tqdm(**shown, disable=not arguments.progress) as bar, SummaryWriter(arguments.out, flush_secs=10) as writer:
+        for segment in range(first, hyper.segments):
+            train_segment(folder, segment, model, validation, bar, writer)
+            after_segment(folder.segments[-1])
+    return folder, model
+
+
+def train_segment(
+    folder: Run, segment: int, model: "PPO", validation: HeldOut, bar: Any, writer: SummaryWriter
+) -> None:
+    """Train a segment, play validation rounds and write checkpoints."""
+    arguments, hyper, league = folder.arguments, model.hyper, League(folder.arguments)
+    seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
+    began = time.perf_counter()
+    if league.is_due(segment):
+        _train_clyde(league, segment, planner_of(arguments, model))
+    pool = league.pool(segment, folder.against_league())
+    repeats = folder.segments[-1]["again"] if folder.segments else {}
+    parts = make_parts(arguments, segment, pool, repeats)
+    torch.manual_seed(seeds[0])
+    result: dict[str, Any] = {"segment": segment}
+    if segment == 0 and hyper.imitation > 0:
+        result["agreement"] = imitate(model, parts, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
+        result["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
+        rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
+        bar.write(f"{rules} imitated: {result['imitated']:.1%} of validation rounds completed")
+    model.decisions = segment * hyper.segment
+    learning = time.perf_counter()
+    endings = model.learn(parts, hyper.segment, seeds[1], bar, partial(_log, writer))
+    ended = time.perf_counter()
+    completed = validation.completed(planner_of(arguments, model), pool)
+    share, each = validation.shares(completed)
+    of_league = validation.learned()
+    speed = hyper.segment / (ended - learning)
+    result |= {
+        "decisions": model.decisions,
+        "completed": share,
+        "completed_against": each,
+        "against_league": league.record(segment, validation.seeds[of_league], completed[of_league], pool),
+        "again": levels_to_repeat(endings),
+        "clyde_limit_mps": clyde_limit(arguments, segment),
+        "seconds": round(ended - began, 1),
+        "decisions_per_s": round(speed),
+    }
+    folder.write(model.network, model.optimizer, result)
+    names = {f"validation/completed_{lineup.replace(',', '_')}": part for lineup, part in each.items()}
+    _log(writer, {"validation/completed": share, **(names if len(each) > 1 else {})}, model.decisions)
+    shown = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})" if len(each) > 1 else ""
+    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{shown} ({speed:.0f}/s)")
+
+
+def _log(writer: SummaryWriter, numbers: Numbers, decisions: int) -> None:
+    for name, value in numbers.items():
+        writer.add_scalar(name, value, decisions)
+
+
+def _train_clyde(league: League, segment: int, planner: TorchPlanner) -> None:
+    """Train the due member of the league against the current planner."""
+    arguments, weights, seeds = league.training(segment)
+    learner = PPO(arguments.hyper, seeds[0], threads=arguments.threads)
+    if weights is not None:
+        start_from(weights, learner.network)
+    torch.manual_seed(seeds[0])
+    parts = make_ghost_parts(arguments, segment, planner)
+    learner.learn(parts, arguments.hyper.decisions, seeds[1], tqdm(disable=True))
+    league.add(segment, learner.network, learner.decisions)
+
+
+def planner_of(arguments: Arguments, model: "PPO") -> TorchPlanner:
+    """Return a copy of the current network as a policy."""
+    return TorchPlanner("ppo", model.copy(), game_config(arguments).robot.speed_mps)
 
 
 class Rollout(NamedTuple):
-    situations: PackedSituations
+    """Decisions of games; the B = T N decisions of N games in T steps are ordered by step, then by game."""
+
+    situations: PackedSituations  # (B, ...)
     slots: torch.Tensor  # (B,) places of the chosen candidates in ``situations``
     log_probs: torch.Tensor  # (B,)
     values: torch.Tensor  # (B,)
@@ -51,83 +175,82 @@ class PPO:
     """A network with its optimizer and training; ``seed`` decides the weights, ``sizes`` go to EntityNetwork."""
 
     def __init__(self, hyper: Hyperparameters, seed: int, device: str = "cpu", threads: int = 1, **sizes: Any) -> None:
+        self.hyper, self.device = hyper, use_device(device)
         torch.manual_seed(seed)
         network = EntityNetwork(len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), **({"width": hyper.width} | sizes))
         self.network = network.to(device)
         self.optimizer = torch.optim.Adam(network.parameters(), hyper.learning_rate[0], eps=1e-5)
-        self.hyper, self.device, self.threads = hyper, device, threads  # threads = 0: one per core
         self.decisions = 0  # decisions that PPO has learned from so far
-        self.logger = Logger(None, [])
-        self._last_endings: deque[Ending] = deque(maxlen=100)
+        self.pool = ThreadPoolExecutor(threads or cores(), "learner")
 
-    def learn(self, games: Collector, decisions: int, seed: int, bar: Any) -> None:
-        """Run PPO for at least ``decisions`` more decisions, in new rounds that ``seed`` decides."""
-        first, start_s = self.decisions, time.perf_counter()
-        games.reset(seed)
-        outcomes: list[str] = []
-        while self.decisions < first + decisions:
-            rollout, endings = self.collect(games, bar)
+    def copy(self) -> EntityNetwork:
+        """Return a copy of the network on the CPU."""
+        return copy.deepcopy(self.network).cpu()
+
+    def learn(
+        self,
+        parts: Sequence[Games],
+        decisions: int,
+        seed: int,
+        bar: Any,
+        log: Callable[[Numbers, int], object] = lambda numbers, decisions: None,
+    ) -> list[Ending]:
+        """Run PPO for at least ``decisions`` more decisions, in new rounds that ``seed`` decides; return their ends."""
+        first, began = self.decisions, time.perf_counter()
+        endings: list[Ending] = []
+        start(parts, seed, self.pool)
+        for number in itertools.count():
+            if self.decisions >= first + decisions:
+                break
+            rollout, ended = self.collect(parts, (seed, number), bar)
             self.decisions += len(rollout.returns)
-            self._last_endings.extend(endings)
-            outcomes += [ending.outcome for ending in endings]
-            if outcomes:
-                complete, timeout = (outcomes.count(outcome) / len(outcomes) for outcome in ("complete", "timeout"))
-                self.logger.record("rollout/completed", complete)
-                self.logger.record("rollout/timed_out", timeout)
-                bar.set_postfix(completed=f"{complete:.1%}", timeout=f"{timeout:.1%}", refresh=False)
-                del outcomes[:-_ENDINGS]
-            if self._last_endings:
-                self.logger.record("rollout/ep_rew_mean", np.mean([ending.reward for ending in self._last_endings]))
-                self.logger.record("rollout/ep_len_mean", np.mean([ending.length for ending in self._last_endings]))
-            self.logger.record("time/fps", int((self.decisions - first) / (time.perf_counter() - start_s)))
-            self.logger.dump(self.decisions)
-            self.update(rollout)
+            endings += ended
+            numbers = {"time/fps": (self.decisions - first) / (time.perf_counter() - began)}
+            log(numbers | _summary(endings) | self.update(rollout), self.decisions)
+        return endings
 
-    def collect(self, games: Collector, bar: Any) -> tuple[Rollout, list[Ending]]:
-        """Play ``n_steps`` decisions in each game; return the rollout and the rounds that ended."""
-        hyper = self.hyper
-        fragments = games.play(self.network, hyper.n_steps, on_fragment=lambda part: bar.update(len(part.slots)))
-        rows: list[tuple[torch.Tensor, ...]] = []
-        for part in fragments:
-            values = torch.from_numpy(part.values)
-            gae = advantages(
-                torch.from_numpy(part.rewards),
-                values,
-                torch.from_numpy(part.dones).float(),
-                hyper.gamma,
-                hyper.gae_lambda,
-            )
-            flat = (values[:-1], gae, gae + values[:-1])
-            rows.append(
-                (torch.from_numpy(part.slots), torch.from_numpy(part.log_probs), *(array.flatten() for array in flat))
-            )
-        whole = (torch.cat(parts).to(self.device) for parts in zip(*rows, strict=True))
-        situations = joined(_situations(part, self.device) for part in fragments)
-        return Rollout(situations, *whole), [ending for part in fragments for ending in part.endings]
+    def collect(self, parts: Sequence[Games], seeds: tuple[int, int], bar: Any) -> tuple[Rollout, list[Ending]]:
+        """Play ``n_steps`` decisions in each game; return the rollout and the rounds that ended.
 
-    def update(self, rollout: Rollout) -> None:
+        What a part draws depends only on the ``seeds`` (of the games, number of the rollout) and on the part's place.
+        """
+        hyper, network = self.hyper, self.copy()
+        rollouts: list[Rollout] = []
+        endings: list[Ending] = []
+
+        def play_part(k: int) -> tuple[Rollout, list[Ending]]:
+            seed = np.random.SeedSequence(seeds[0], spawn_key=(seeds[1], k)).generate_state(1)[0]
+            return play(parts[k], network, hyper, int(seed))
+
+        for rollout, ended in self.pool.map(play_part, range(len(parts))):
+            bar.update(len(rollout.returns))
+            rollouts.append(rollout)
+            endings += ended
+        return joined(rollouts, self.device), endings
+
+    def update(self, rollout: Rollout) -> Numbers:
         """Update the network with the rollout for some epochs; raises FloatingPointError if a loss is not finite."""
         hyper, progress = self.hyper, self.hyper.progress(self.decisions)
         pairs = hyper.learning_rate, hyper.ent_coef
         learning_rate, ent_coef = (first + (last - first) * progress for first, last in pairs)
         self.optimizer.param_groups[0]["lr"] = learning_rate
-        advantages = rollout.advantages
+        for name, weight in self.network.named_parameters():
+            weight.requires_grad_(self.decisions > hyper.value_decisions or name.startswith("critic"))
+        means = []
+        for _ in range(hyper.n_epochs):
+            for rows in torch.randperm(len(rollout.returns)).to(self.device).split(hyper.batch_size):
+                advantages = rollout.advantages[rows]
+                normalized = (rollout.advantages - advantages.mean()) / (advantages.std() + 1e-8)
+                loss = partial(self.loss, rollout, normalized, ent_coef, len(rows))
+                means.append(self.descend(self.optimizer, loss, rows, rollout.situations.counts))
+        metrics = torch.stack(means).mean(dim=0)
+        check(metrics)
+        explained = 1 - (rollout.returns - rollout.values).var() / rollout.returns.var()
+        numbers = {"explained_variance": float(explained), "learning_rate": learning_rate}
+        numbers |= {"clip_range": hyper.clip_range, **dict(zip(_METRICS, metrics.tolist(), strict=True))}
+        return {f"train/{name}": number for name, number in numbers.items()}
 
-        def make_loss(rows: torch.Tensor) -> ChunkLoss:
-            normalized = (advantages - advantages[rows].mean()) / (advantages[rows].std() + 1e-8)
-            return partial(self._loss, rollout, normalized, ent_coef, len(rows))
-
-        counts = rollout.situations.counts
-        means = self.descend(self.optimizer, make_loss, counts, epochs=hyper.n_epochs, size=hyper.batch_size)
-        check(means)
-        for name, value in zip(_METRICS, means.tolist(), strict=True):
-            self.logger.record(f"train/{name}", value)
-        explained = explained_variance(rollout.values.cpu().numpy(), rollout.returns.cpu().numpy())
-        self.logger.record("train/explained_variance", explained)
-        self.logger.record("train/learning_rate", learning_rate)
-        self.logger.record("train/clip_range", hyper.clip_range)
-
-    def _loss(
+    def loss(
         self, rollout: Rollout, advantages: torch.Tensor, ent_coef: float, count: int, rows: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Return the loss of ``rows`` (M,) and their part of ``_METRICS`` (5,).
@@ -149,98 +272,44 @@ class PPO:
         return (self.hyper.vf_coef * value_loss - surrogate - ent_coef * entropy) / count, metrics
 
     def descend(
-        self,
-        optimizer: torch.optim.Optimizer,
-        make_loss: Callable[[torch.Tensor], ChunkLoss],
-        counts: torch.Tensor,
-        *,
-        epochs: int,
-        size: int,
-        generator: torch.Generator | None = None,
+        self, optimizer: torch.optim.Optimizer, loss: ChunkLoss, rows: torch.Tensor, counts: torch.Tensor
     ) -> torch.Tensor:
-        """Step the optimizer once per minibatch of ``size`` situations in all epochs; return the mean metrics.
+        """Step the optimizer once with the minibatch ``rows`` (M,), and return the sum of the chunks' metrics.
 
-        ``make_loss`` creates the loss of a minibatch from its rows. ``counts`` (B,) are the numbers of allowed
-        candidates; situations with similar numbers share a chunk.
+        ``counts`` (B,) are the numbers of allowed candidates. Situations with similar numbers share a chunk, which is
+        cut to the largest: an update takes 37 % less time than with all candidates, and than with one chunk.
         """
-        weights = list(self.network.parameters())
+        weights = [weight for weight in self.network.parameters() if weight.requires_grad]
 
-        def gradients(loss: ChunkLoss, chunk: torch.Tensor) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:
+        def gradients(chunk: torch.Tensor) -> tuple[tuple[torch.Tensor, ...], torch.Tensor]:
             total, metrics = loss(chunk)
             return torch.autograd.grad(total, weights), metrics
 
-        means = []
-        with ThreadPoolExecutor(self.threads or cores(), "learner") as pool:
-            for _ in range(epochs):
-                for rows in torch.randperm(len(counts), generator=generator).to(self.device).split(size):
-                    chunks = rows[counts[rows].argsort(stable=True)].split(_CHUNK if self.device == "cpu" else size)
-                    grads, metrics = zip(*pool.map(partial(gradients, make_loss(rows)), chunks), strict=True)
-                    for weight, *parts in zip(weights, *grads, strict=True):
-                        weight.grad = torch.stack(parts).sum(dim=0)
-                    torch.nn.utils.clip_grad_norm_(weights, self.hyper.max_grad_norm)
-                    optimizer.step()
-                    means.append(torch.stack(metrics).sum(dim=0))
-        return torch.stack(means).mean(dim=0)
+        chunks = rows[counts[rows].argsort(stable=True)].split(_CHUNK if self.device == "cpu" else len(rows))
+        grads, metrics = zip(*self.pool.map(gradients, chunks), strict=True)
+        for weight, *parts in zip(weights, *grads, strict=True):
+            weight.grad = torch.stack(parts).sum(dim=0)
+        torch.nn.utils.clip_grad_norm_(weights, self.hyper.max_grad_norm)
+        optimizer.step()
+        return torch.stack(metrics).sum(dim=0)
 
 
-class _Labels(NamedTuple):
-    situations: PackedSituations
-    slots: torch.Tensor  # (B,) places of the teacher's choices in the situations
-    returns: torch.Tensor  # (B,) discounted returns
-    valid: torch.Tensor  # (B,) 1 if the return is complete, because the round ended
-
-    def make_loss(self, network: EntityNetwork, rows: torch.Tensor) -> ChunkLoss:
-        return partial(self._loss, network, len(rows))
-
-    def _loss(self, network: EntityNetwork, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the loss of ``rows`` (M,) of a minibatch of ``count`` situations, and no metrics (0,)."""
-        situations, slots = self.situations.of(rows), self.slots[rows]
-        logits, values = network.judge_packed(situations)
-        log_probs = logits.log_softmax(dim=1)
-        entropy = -(log_probs.exp() * log_probs).sum()
-        value_loss = ((values - self.returns[rows]).square() * self.valid[rows]).sum()
-        allowed = slots < situations.counts  # ignore a label that an ablation forbids
-        label_log_probs = log_probs.gather(1, torch.where(allowed, slots, 0)[:, None])[:, 0]
-        return (0.5 * value_loss - (label_log_probs * allowed).sum() - _ENTROPY * entropy) / count, torch.zeros(0)
-
-
-def imitate(model: PPO, games: Collector, decisions: int, *, games_seed: int, seed: int) -> dict[str, float]:
-    """Fit the network to the teachers' choices in ``decisions`` situations; ``seed`` decides the order of minibatches.
-
-    In the first of four turns the teacher plays. In the others the network plays and the teacher labels the
-    situations, so that the network also learns in situations that the teacher avoids (DAgger: Ross, Gordon, Bagnell,
-    2011). ``games_seed`` decides the rounds. Returns ``agreement``: the share of choices in the last turn in which
-    network and teacher agree.
-    """
-    steps = max(decisions // games.num_envs // _ROUNDS, 1)
-    optimizer = torch.optim.Adam(model.network.parameters(), lr=_RATE)
+@torch.inference_mode()
+def play(games: Games, network: EntityNetwork, hyper: Hyperparameters, seed: int) -> tuple[Rollout, list[Ending]]:
+    """Play ``n_steps`` decisions in each game of a part, drawn with ``seed``; return them and the rounds that ended."""
     generator = torch.Generator().manual_seed(seed)
-    parts = list[_Labels]()
-    games.reset(games_seed)
-    for number in range(_ROUNDS):
-        played = games.play(model.network, steps, "labelled" if number > 0 else "taught")
-        for fragment in played:
-            returns, valid = discounted(fragment.rewards, fragment.dones, model.hyper.gamma)
-            arrays = (torch.from_numpy(array.ravel()) for array in (fragment.slots.copy(), returns, valid))
-            parts.append(_Labels(_situations(fragment, model.device), *(array.to(model.device) for array in arrays)))
-        met, *arrays_of_parts = zip(*parts, strict=True)
-        labels = _Labels(joined(met), *map(torch.cat, arrays_of_parts))
-        fit = partial(labels.make_loss, model.network)
-        model.descend(optimizer, fit, labels.situations.counts, epochs=_EPOCHS, size=_BATCH, generator=generator)
-    return {"agreement": float(np.average([one.agreed for one in played], weights=[len(one.slots) for one in played]))}
-
-
-def _situations(fragment: Fragment, device: str) -> PackedSituations:
-    return PackedSituations(*(torch.from_numpy(array).to(device) for array in fragment.situations))
-
-
-def discounted(
-    rewards: NDArray[np.float32], dones: NDArray[np.bool_], gamma: float
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the discounted returns (T, N), and a mask (T, N): 1 if the round ends within the T steps, else 0."""
-    nothing = torch.zeros(len(rewards) + 1, rewards.shape[1])
-    returns = advantages(torch.from_numpy(rewards), nothing, torch.from_numpy(dones).float(), gamma, 1.0)
-    return returns.numpy(), np.logical_or.accumulate(dones[::-1])[::-1].astype(np.float32)
+    choices, steps = [], []
+    for _ in range(hyper.n_steps):
+        choices.append(choose(network, games.observation, generator))
+        steps.append(games.step(choices[-1].candidates()))
+    rewards = torch.from_numpy(np.stack([step.rewards for step in steps]))
+    dones = torch.from_numpy(np.stack([step.dones for step in steps])).float()
+    values = torch.stack([*(one.values for one in choices), choose(network, games.observation).values])
+    gae = advantages(rewards, values, dones, hyper.gamma, hyper.gae_lambda)
+    returns = gae + values[:-1]
+    situations, _, slots, log_probs, _ = zip(*choices, strict=True)
+    flat = (torch.cat(slots), torch.cat(log_probs), values[:-1].flatten(), gae.flatten(), returns.flatten())
+    return Rollout(joined(situations), *flat), [ending for step in steps for ending in step.endings]
 
 
 def advantages(
@@ -253,3 +322,16 @@ def advantages(
         last_gae = rewards[t] + discount * values[t + 1] - values[t] + discount * gae_lambda * last_gae
         result[t] = last_gae
     return result
+
+
+def _summary(endings: list[Ending]) -> Numbers:
+    """Return means over the last rounds, 1,000 for outcomes and 100 for rewards and lengths; nothing without rounds."""
+    if not endings:
+        return {}
+    outcomes, last = [ending.outcome for ending in endings[-1000:]], endings[-100:]
+    return {
+        "rollout/completed": outcomes.count("complete") / len(outcomes),
+        "rollout/timed_out": outcomes.count("timeout") / len(outcomes),
+        "rollout/ep_rew_mean": float(np.mean([ending.reward for ending in last])),
+        "rollout/ep_len_mean": float(np.mean([ending.length for ending in last])),
+    }

@@ -1,11 +1,16 @@
-"""Arguments of a training run: hyperparameters from a YAML file per environment, which options can override."""
+"""Arguments of a training: hyperparameters from a section of a YAML file, and options that can override them."""
 
+import argparse
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
+from pacman_env.command_line.command import Parser
+from pacman_env.command_line.options import add_options, parse_options
 from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, require
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.files import shipped
@@ -64,9 +69,11 @@ class Hyperparameters(Checked):
     league_every: Count
     """Segments between two Clydes that join the league; 0: no league."""
     imitation: Count
-    """Decisions of a rule to imitate first; 0: none, PPO starts from random weights."""
+    """Decisions of a rule to imitate first; 0: none, PPO starts from random weights or from ``--start``."""
     teacher_nodes: AtLeastOne
     """Segments that ``search`` plays for an imitated decision, at least 221; not used if all ghosts wander."""
+    value_decisions: Count
+    """First decisions of PPO, in which it fits only the values and keeps the policy; 0: none."""
     decide: Literal["tick", "event"]
     """When the planner decides in training: tick, every 0.5 s, or event, when something happened."""
 
@@ -112,6 +119,8 @@ class Arguments(Checked):
     hyper: Hyperparameters
     out: Path = Path("results/ppo")
     """Folder of the run: checkpoints, planner.onnx, run.json, TensorBoard's files."""
+    start: Path | None = None
+    """Planner (.onnx, or checkpoint .zip) whose weights PPO starts from, instead of imitation."""
     seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     """Seed of everything random."""
     resume: bool = False
@@ -140,6 +149,41 @@ class Arguments(Checked):
         rounds, lineups = self.evaluation, len(self.hyper.lineups)
         rule = f"must be 0 or at least the {lineups} line-ups in ghosts"
         require(rounds == 0 or rounds >= lineups, "evaluation", rounds, rule)
+        imitation = self.hyper.imitation
+        require(self.start is None or imitation == 0, "imitation", imitation, "must be 0 with a planner to start from")
+
+
+def parse(argv: Sequence[str]) -> Arguments:
+    """Parse arguments on top of a file's hyperparameters; raises ValueError if the file or a value is invalid."""
+    default = _default(argv)
+    return parse_options(make_parser(default), argv, default)
+
+
+def make_parser(default: Arguments | None = None) -> Parser:
+    parser = Parser(prog="pacman-env train", description=Arguments.__doc__, parents=[_sections()], allow_abbrev=False)
+    add_options(parser, default or _default(()))
+    return parser
+
+
+def _sections() -> argparse.ArgumentParser:
+    """Return a parser of ``--quick`` and ``--config``, which decide the defaults of the other options."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--quick", action="store_true", help="one to two minutes on two cores")
+    file = FOLDER / "PacManBot-v2.yaml"
+    parser.add_argument("--config", type=Path, default=file, help=f"hyperparameters ({file.name})")
+    return parser
+
+
+def _default(argv: Sequence[str]) -> Arguments:
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False, parents=[_sections()])
+    parser.add_argument("--imitation")
+    parser.add_argument("--start")
+    chosen, _ = parser.parse_known_args(argv)
+    section = ("scratch" if chosen.imitation == "0" and not chosen.start else "quick") if chosen.quick else "headline"
+    hyper = load_hyperparameters(chosen.config, section)
+    if chosen.start:
+        hyper = dataclasses.replace(hyper, imitation=0)
+    return Arguments(hyper, Path("results/ppo-quick")) if chosen.quick else Arguments(hyper)
 
 
 def load_hyperparameters(path: Path, section: str) -> Hyperparameters:

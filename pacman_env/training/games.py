@@ -1,10 +1,16 @@
-"""Games of a training, in parts; the games of a part have one line-up and their own houses."""
+"""Games of a training, in parts; the games of a part have one line-up and their own houses.
+
+Houses with both completed and lost rounds may be played again. The score of a house is p (1 - p), the variance of
+completion at the share p of completed rounds (Rutherford et al., "No regrets: investigating and improving regret
+approximations for curriculum discovery", 2024).
+"""
 
 from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -20,24 +26,22 @@ from pacman_env.levels.house_families import WIDE
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
-from pacman_env.policies.metadata import Training
 from pacman_env.policies.opponents import BehaviourOpponent
 from pacman_env.sb3 import Observation, PacManBotVecEnv
-from pacman_env.training.checkpoint import Facts
+from pacman_env.training.arguments import Arguments
 from pacman_env.training.lineups import (
     LEARNED,
     SUB_BATCHES,
     behaviours,
-    make_teacher,
     power_pellets,
     speeds,
     sub_batches,
 )
-from pacman_env.training.run_arguments import Arguments
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
 _WIDE_EVERY = 4  # every fourth part has wide houses
+_FEWEST_ROUNDS = 6  # a level with fewer rounds is not judged
 VALIDATION_LEVEL = 900_000  # training levels from here on are kept for validation
 #: Ranges of --randomize, around the values of the real trials.
 _DOMAIN: dict[str, Any] = {
@@ -68,21 +72,6 @@ def game_settings(arguments: Arguments) -> dict[str, Any]:
         "reward.timeout": hyper.timeout,
         **(_DOMAIN if arguments.randomize else {}),
     }
-
-
-def facts_of(arguments: Arguments, decisions: int, metrics: dict[str, float]) -> Facts:
-    """Return the facts of a network after ``decisions`` decisions; ``metrics`` by name."""
-    training = Training(
-        clyde_speeds_mps=arguments.hyper.clyde_speed,
-        robot_speeds_mps=arguments.hyper.robot_speed,
-        levels=f"generated:train below {VALIDATION_LEVEL}",
-        preset=arguments.preset,
-        execution=arguments.execution,
-        decisions=decisions,
-        seed=arguments.seed,
-        ghosts=arguments.hyper.ghosts,
-    )
-    return Facts(game_config(arguments).robot.speed_mps, training, metrics)
 
 
 def lineup_settings(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> dict[str, Any]:
@@ -116,13 +105,13 @@ class Ending(NamedTuple):
     """Result of a round."""
 
     outcome: str
-    level: int | None = None
     reward: float = 0.0  # sum over the round, not scaled
     length: int = 0  # decisions
+    lineup: str = ""
+    level: int | None = None  # None: the level may not be played again
 
 
 class Step(NamedTuple):
-    observation: Observation
     rewards: NDArray[np.float32]
     dones: NDArray[np.bool_]
     endings: list[Ending]  # endings of the games that are done, in their order
@@ -136,10 +125,10 @@ class Games(ABC):
 
     env: Any
     num_envs: int
-    repeats: str | None = None  # line-up whose levels may be played again; None: they may not
+    observation: Observation  # of the present situations
 
     @abstractmethod
-    def reset(self, seed: int) -> Observation:
+    def reset(self, seed: int) -> None:
         """Start new rounds in all games, with the seeds from ``seed`` on."""
 
     @abstractmethod
@@ -147,46 +136,86 @@ class Games(ABC):
 
 
 class PlannerGames(Games):
-    """Games of robots against one line-up; :meth:`begin_teaching` starts the line-up's teacher for :meth:`choices`."""
+    """Games of robots against one line-up, in houses that may be played again if ``may_repeat``."""
 
     def __init__(
-        self,
-        env: PacManBotVecEnv,
-        scale: float = 1.0,  # factor of rewards
-        lineup: str = WANDER,
-        teacher_nodes: int = 0,
-        may_repeat: bool = False,  # True: the levels may be played again
+        self, env: PacManBotVecEnv, scale: float = 1.0, lineup: str = WANDER, may_repeat: bool = False
     ) -> None:
-        self.env, self.num_envs, self._scale = env, env.num_envs, np.float32(scale)
-        self.lineup, self._teacher_nodes = lineup, teacher_nodes
-        self.repeats = lineup if may_repeat else None
-        self._teacher: Policy | None = None
+        self.env, self.num_envs, self.lineup, self.may_repeat = env, env.num_envs, lineup, may_repeat
+        self._scale = np.float32(scale)  # factor of rewards
 
-    def reset(self, seed: int) -> Observation:
-        self._teacher = None
+    def reset(self, seed: int) -> None:
         self.env.seed(seed)
-        return self.env.reset()
+        self.observation = self.env.reset()
 
     def step(self, actions: NDArray[np.int64]) -> Step:
-        observation, rewards, dones, infos = self.env.step(actions)
-        if self._teacher is not None and dones.any():
-            self._teacher.reset(dones, self.env.env.config)
+        self.observation, rewards, dones, infos = self.env.step(actions)
         endings = []
         for i in np.flatnonzero(dones).tolist():
-            info = infos[i]
-            level = int(info["level"]) if "level" in info else None
-            endings.append(Ending(info["outcome"], level, info["episode"]["r"], info["episode"]["l"]))
-        return Step(observation, rewards * self._scale, dones, endings)
+            info, episode = infos[i], infos[i]["episode"]
+            level = int(info["level"]) if self.may_repeat and "level" in info else None
+            endings.append(Ending(info["outcome"], episode["r"], episode["l"], self.lineup, level))
+        return Step(rewards * self._scale, dones, endings)
 
-    def begin_teaching(self) -> None:
-        """Create a teacher that knows nothing of the rounds so far."""
-        self._teacher = make_teacher(self.lineup, self._teacher_nodes)
-        self._teacher.reset(np.ones(self.num_envs, dtype=np.bool_), self.env.env.config)
 
-    def choices(self) -> NDArray[np.int64]:
-        """Return the teacher's choices (N,) in the current situations."""
-        assert self._teacher is not None, "nobody teaches in these games"
-        return self._teacher.select(self.env.env.situation)
+class GhostGames(Games):
+    """Games in which Clyde learns; it observes planner features from its own point of view.
+
+    The policy ``robot`` moves the robots and keeps no state.
+    """
+
+    def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
+        if tuple(env.possible_agents) != (PACMAN, CLYDE):
+            raise ValueError(f"agents of the games: {env.possible_agents}, must be {PACMAN} and {CLYDE}")
+        self.env, self.num_envs, self.scale = env, env.num_envs, np.float32(scale)
+        self._robot = copy.deepcopy(robot)  # other threads play with the original
+        self._robot.reset(np.ones(self.num_envs, dtype=np.bool_), env.config)
+
+    def reset(self, seed: int) -> None:
+        self.env.reset(seed)
+        self._observe()
+
+    def step(self, actions: NDArray[np.int64]) -> Step:
+        situation = self.env.situation
+        goals = allowed(situation, self._robot.select(situation), self.env.batch.hold)
+        _, rewards, terminated, truncated, infos = self.env.step({PACMAN: goals, CLYDE: actions})
+        self._observe()
+        dones = terminated | truncated
+        ended = np.flatnonzero(dones).tolist()
+        if ended:
+            self._robot.reset(dones, self.env.config)
+        endings = [Ending(infos["final_info"]["outcome"][i]) for i in ended]
+        return Step(rewards[:, 1].astype(np.float32) * self.scale, dones, endings)
+
+    def _observe(self) -> None:
+        situation = situation_of(self.env.batch, 0)
+        candidates, whole = planner_features(situation, self.env.config.robot.speed_mps)
+        self.observation = {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
+
+
+def start(parts: Sequence[Games], seed: int, pool: ThreadPoolExecutor) -> None:
+    """Start new rounds in all games, whose seeds follow from ``seed``."""
+    first = np.cumsum([0, *(part.num_envs for part in parts[:-1])])
+    list(pool.map(lambda part, k: part.reset(seed + k), parts, first.tolist()))
+
+
+def levels_to_repeat(endings: Iterable[Ending]) -> dict[str, list[int]]:
+    """Return the levels to play again by line-up, best first: at most half of the levels that the line-up met."""
+    counts: dict[str, dict[int, tuple[int, int]]] = {}  # by line-up and level: completed rounds, all rounds
+    for ending in endings:
+        if ending.level is not None:
+            levels = counts.setdefault(ending.lineup, {})
+            won, rounds = levels.get(ending.level, (0, 0))
+            levels[ending.level] = won + (ending.outcome == "complete"), rounds + 1
+    best: dict[str, list[int]] = {}
+    for lineup, levels in counts.items():
+        judged = [
+            (-won * (rounds - won) / rounds**2, level)
+            for level, (won, rounds) in levels.items()
+            if rounds >= _FEWEST_ROUNDS and 0 < won < rounds
+        ]
+        best[lineup] = [level for _, level in sorted(judged)[: len(levels) // 2]]
+    return best
 
 
 def make_parts(
@@ -232,46 +261,8 @@ def make_parts(
             settings=settings | own,
             num_threads=_threads_of_each(arguments, count),
         )
-        made.append(PlannerGames(env, hyper.reward_scale, lineup, hyper.teacher_nodes, not wide))
+        made.append(PlannerGames(env, hyper.reward_scale, lineup, may_repeat=not wide))
     return made
-
-
-def _threads_of_each(arguments: Arguments, parts: int) -> int:
-    return max((arguments.threads or cores()) // parts, 1)
-
-
-class GhostGames(Games):
-    """Games in which Clyde learns; it observes planner features from its own point of view.
-
-    The policy ``robot`` moves the robots and keeps no state.
-    """
-
-    def __init__(self, env: PacManBotParallelVecEnv, robot: Policy, scale: float = 1.0) -> None:
-        if tuple(env.possible_agents) != (PACMAN, CLYDE):
-            raise ValueError(f"agents of the games: {env.possible_agents}, must be {PACMAN} and {CLYDE}")
-        self.env, self.num_envs, self.scale = env, env.num_envs, np.float32(scale)
-        self._robot = copy.deepcopy(robot)  # other threads play with the original
-        self._robot.reset(np.ones(self.num_envs, dtype=np.bool_), env.config)
-
-    def reset(self, seed: int) -> Observation:
-        self.env.reset(seed)
-        return self._observation()
-
-    def step(self, actions: NDArray[np.int64]) -> Step:
-        situation = self.env.situation
-        goals = allowed(situation, self._robot.select(situation), self.env.batch.hold)
-        _, rewards, terminated, truncated, infos = self.env.step({PACMAN: goals, CLYDE: actions})
-        dones = terminated | truncated
-        ended = np.flatnonzero(dones).tolist()
-        if ended:
-            self._robot.reset(dones, self.env.config)
-        endings = [Ending(infos["final_info"]["outcome"][i]) for i in ended]
-        return Step(self._observation(), rewards[:, 1].astype(np.float32) * self.scale, dones, endings)
-
-    def _observation(self) -> Observation:
-        situation = situation_of(self.env.batch, 0)
-        candidates, whole = planner_features(situation, self.env.config.robot.speed_mps)
-        return {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
 
 
 def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[GhostGames]:
@@ -286,3 +277,7 @@ def make_ghost_parts(arguments: Arguments, segment: int, robot: Policy) -> list[
     environment |= {"settings": settings, "num_threads": _threads_of_each(arguments, count)}
     games = np.diff(np.linspace(0, hyper.games, count + 1).astype(int)).tolist()
     return [GhostGames(PacManBotParallelVecEnv(n, **environment), robot, hyper.reward_scale) for n in games]
+
+
+def _threads_of_each(arguments: Arguments, parts: int) -> int:
+    return max((arguments.threads or cores()) // parts, 1)
