@@ -26,8 +26,8 @@ from pacman_env.training.fragments import use_device
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
 from pacman_env.training.ppo import PPO, imitate
-from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.training_games import facts_of, make_ghost_parts, make_parts
+from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.games import facts_of, make_ghost_parts, make_parts
 
 RULES = ("lookahead", "clyde_aware")
 PLANNER, CLYDE = 0, 1

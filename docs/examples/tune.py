@@ -12,8 +12,8 @@ from pathlib import Path
 import optuna
 import yaml
 
-from pacman_env.training.run_arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
-from pacman_env.training.train import train
+from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, load_hyperparameters
+from pacman_env.training.ppo import train
 
 
 def propose(trial: optuna.Trial, section: Hyperparameters) -> Hyperparameters:

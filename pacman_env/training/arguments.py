@@ -11,10 +11,21 @@ from msgspec import Meta
 
 from pacman_env.command_line.command import Parser
 from pacman_env.command_line.options import add_options, parse_options
-from pacman_env.config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, require
+from pacman_env.config.validation import (
+    AtLeastOne,
+    Checked,
+    Count,
+    NotNegative,
+    Number,
+    Share,
+    convert,
+    kinds,
+    located,
+    require,
+)
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.files import shipped
-from pacman_env.training.lineups import LEARNED, LEAST_NODES, behaviours, checked, searches, sub_batches
+from pacman_env.training.lineups import LEARNED, LEAST_NODES, checked, read, searches, sub_batches
 
 Part = Literal["refuges", "hold", "paths", "prediction"]
 FOLDER = shipped("training/hyperparameters", "train/hyperparameters")
@@ -86,7 +97,7 @@ class Hyperparameters(Checked):
         object.__setattr__(self, "ghosts", tuple(checked(one, f"ghosts[{k}]") for k, one in enumerate(self.ghosts)))
         if len(self.lineups) > 1:
             sub_batches(self.ghosts, self.games, self.levels)  # raises ConfigError if the games cannot be divided
-        learned = any(LEARNED in behaviours(one) for one in self.lineups)
+        learned = any(LEARNED in read(one).behaviours for one in self.lineups)
         require(self.league_every > 0 or not learned, "league_every", 0, f"must be at least 1 with a ghost {LEARNED!r}")
         nodes, least = self.teacher_nodes, LEAST_NODES if any(map(searches, self.lineups)) else 0
         require(nodes >= least, "teacher_nodes", nodes, f"must be at least {least}")
@@ -196,12 +207,10 @@ def load_hyperparameters(path: Path, section: str) -> Hyperparameters:
 
 
 def from_values(values: dict[str, Any], where: str) -> Hyperparameters:
-    fields = kinds(Hyperparameters)
-    if set(values) != set(fields):
-        unknown, missing = sorted(map(str, set(values) - set(fields))), sorted(set(fields) - set(values))
-        raise ValueError(f"{where}: unknown {unknown}, missing {missing}")
-    whole = (AtLeastOne, Count)
-    try:  # a number may be in quotes
+    fields, whole = kinds(Hyperparameters), (AtLeastOne, Count)
+    with located(where, ValueError, ValueError):
+        if set(values) != set(fields):
+            unknown, missing = sorted(map(str, set(values) - set(fields))), sorted(set(fields) - set(values))
+            raise ValueError(f"unknown {unknown}, missing {missing}")
+        # A number may be in quotes.
         return Hyperparameters(**{n: convert(values[n], kind, n, strict=kind in whole) for n, kind in fields.items()})
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None

@@ -96,9 +96,7 @@ def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer
 
 def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
-    if not path.is_file():
-        raise ValueError(f"{path}: no such file")
-    text = f"{path}: {_kind(path)}, no checkpoint of 'pacman-env train'"
+    text = f"{path}: no checkpoint of 'pacman-env train' (a model of Stable-Baselines3: see docs/use_with/sb3.md)"
     with located(text, ValueError, Exception):  # a damaged or foreign file may fail anywhere
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:
@@ -109,15 +107,6 @@ def load_network(path: Path) -> EntityNetwork:
         network.load_state_dict(state)
     check_sizes(network, path)
     return network.eval()
-
-
-def _kind(path: Path) -> str:
-    """Describe a file that cannot be loaded, for the error message."""
-    if not zipfile.is_zipfile(path):
-        return "no zip file, or cut off"
-    with zipfile.ZipFile(path) as archive:
-        foreign = "_stable_baselines3_version" in archive.namelist()
-    return "a model of Stable-Baselines3 (see docs/use_with/sb3.md)" if foreign else "another or a damaged zip file"
 
 
 def check_sizes(network: EntityNetwork, path: Path) -> None:
@@ -170,15 +159,19 @@ class Run:
     def _read(self) -> None:
         with located(f"{self.record}: no run to resume", ValueError, (OSError, ValueError, KeyError, TypeError)):
             content = json.loads(self.record.read_text())
-            arguments = content["arguments"]
+            theirs = {**content["arguments"]["hyper"], **content["arguments"]}
             self.segments = list(content["segments"])
-            numbers = [(segment["segment"], float(segment["completed"])) for segment in self.segments]
-            if [number for number, _ in numbers] != list(range(len(numbers))):
-                raise ValueError("its segments are not in order")
-            for segment in self.segments:
+            for number, segment in enumerate(self.segments):
+                if segment["segment"] != number:
+                    raise ValueError("its segments are not in order")
+                float(segment["completed"])
                 if missing := [name for name in _NEEDED if name not in segment]:
-                    raise ValueError(f"segment {segment['segment']} of another version, without {missing[0]!r}")
-        _check_same(self.record, arguments, _plain(self.arguments))
+                    raise ValueError(f"segment {number} of another version, without {missing[0]!r}")
+        ours = _plain(self.arguments)
+        for name, value in {**ours.pop("hyper"), **ours}.items():
+            other = theirs.get(name)
+            if other != value:
+                raise ValueError(f"{self.record}: was started with {name} = {other}, not {value}")
 
     def against_league(self) -> dict[str, tuple[int, int]]:
         """Return the league's record in the last segment."""
@@ -212,13 +205,3 @@ def _plain(arguments: Arguments) -> dict[str, Any]:
     if arguments.start is not None:
         plain["start"] = hashlib.sha256(arguments.start.read_bytes()).hexdigest()
     return plain
-
-
-def _check_same(record: Path, theirs: Any, ours: dict[str, Any]) -> None:
-    """Raise ValueError with the first field, nested fields included, that differs from ``ours``."""
-    for name, value in ours.items():
-        other = theirs.get(name) if isinstance(theirs, dict) else None
-        if isinstance(value, dict):
-            _check_same(record, other, value)
-        elif other != value:
-            raise ValueError(f"{record}: was started with {name} = {other}, not {value}")

@@ -23,7 +23,7 @@ from pacman_env.config.validation import located
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
 from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path, read_planner
+from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path
 from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
 from pacman_env.training.network import EntityNetwork
 
@@ -96,15 +96,14 @@ def export_planner(network: EntityNetwork, path: Path, facts: Facts) -> None:
 def network_of(path: Path) -> EntityNetwork:
     """Return the network in an ONNX file of :func:`export_planner`; raises ValueError for another graph."""
     planner = LearnedPlanner(path)  # refuses external weights and graphs that do not run
-    metadata, content = read_planner(path)
     network = EntityNetwork(
         len(CANDIDATE_FEATURES),
         len(GLOBAL_FEATURES),
-        metadata.width,
-        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_features],
-        [CANDIDATE_FEATURES.index(name) for name in metadata.dropped_kinds],
+        planner.metadata.width,
+        [CANDIDATE_FEATURES.index(name) for name in planner.metadata.dropped_features],
+        [CANDIDATE_FEATURES.index(name) for name in planner.metadata.dropped_kinds],
     )
-    tensors = onnx.load_model_from_string(content).graph.initializer
+    tensors = onnx.load(path).graph.initializer
     with located(f"{path}: no graph that pacman-env export writes", ValueError, (RuntimeError, ValueError)):
         network.load_state_dict({tensor.name: torch.tensor(onnx.numpy_helper.to_array(tensor)) for tensor in tensors})
         _compare(network, planner)

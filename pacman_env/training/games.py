@@ -3,12 +3,13 @@
 Houses with both completed and lost rounds may be played again. The score of a house is p (1 - p), the variance of
 completion at the share p of completed rounds (Rutherford et al., "No regrets: investigating and improving regret
 approximations for curriculum discovery", 2024).
+
+A round at its time limit counts as terminated, not truncated, so that hiding until then does not pay.
 """
 
 from __future__ import annotations
 
 import copy
-from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
@@ -27,16 +28,9 @@ from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
 from pacman_env.policies.opponents import BehaviourOpponent
-from pacman_env.sb3 import Observation, PacManBotVecEnv
+from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.lineups import (
-    LEARNED,
-    SUB_BATCHES,
-    behaviours,
-    power_pellets,
-    speeds,
-    sub_batches,
-)
+from pacman_env.training.lineups import LEARNED, SUB_BATCHES, read, sub_batches
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
@@ -76,9 +70,9 @@ def game_settings(arguments: Arguments) -> dict[str, Any]:
 
 def lineup_settings(arguments: Arguments, lineup: str, fastest_mps: float | None = None) -> dict[str, Any]:
     """Return the power pellets and the range of the ghosts' speeds of a line-up, capped at ``fastest_mps``."""
-    low, high = speeds(lineup) or arguments.hyper.clyde_speed
+    low, high = read(lineup).speeds_mps or arguments.hyper.clyde_speed
     highest = high if fastest_mps is None else max(low, min(high, fastest_mps))
-    return {"randomize.clyde_speed_mps": (low, highest), "power.pellets": power_pellets(lineup)}
+    return {"randomize.clyde_speed_mps": (low, highest), "power.pellets": read(lineup).power_pellets}
 
 
 def clyde_limit(arguments: Arguments, segment: int) -> float | None:
@@ -117,25 +111,7 @@ class Step(NamedTuple):
     endings: list[Ending]  # endings of the games that are done, in their order
 
 
-class Games(ABC):
-    """Games of a part, which are stepped together.
-
-    A round at its time limit counts as terminated, not truncated, so that hiding until then does not pay.
-    """
-
-    env: Any
-    num_envs: int
-    observation: Observation  # of the present situations
-
-    @abstractmethod
-    def reset(self, seed: int) -> None:
-        """Start new rounds in all games, with the seeds from ``seed`` on."""
-
-    @abstractmethod
-    def step(self, actions: NDArray[np.int64]) -> Step: ...
-
-
-class PlannerGames(Games):
+class PlannerGames:
     """Games of robots against one line-up, in houses that may be played again if ``may_repeat``."""
 
     def __init__(
@@ -158,7 +134,7 @@ class PlannerGames(Games):
         return Step(rewards * self._scale, dones, endings)
 
 
-class GhostGames(Games):
+class GhostGames:
     """Games in which Clyde learns; it observes planner features from its own point of view.
 
     The policy ``robot`` moves the robots and keeps no state.
@@ -191,6 +167,9 @@ class GhostGames(Games):
         situation = situation_of(self.env.batch, 0)
         candidates, whole = planner_features(situation, self.env.config.robot.speed_mps)
         self.observation = {"planner_candidates": candidates, "planner_globals": whole, "action_mask": situation.mask}
+
+
+Games = PlannerGames | GhostGames  # both are played alike: ``observation``, ``reset(seed)`` and ``step(actions)``
 
 
 def start(parts: Sequence[Games], seed: int, pool: ThreadPoolExecutor) -> None:
@@ -257,7 +236,7 @@ def make_parts(
             games[k + 1] - games[k],
             map=f"generated:{'wide:' * wide}{','.join(map(str, played))}",
             preset=arguments.preset,
-            ghosts=[copy.deepcopy(learned) if name == LEARNED else name for name in behaviours(lineup)],
+            ghosts=[copy.deepcopy(learned) if name == LEARNED else name for name in read(lineup).behaviours],
             settings=settings | own,
             num_threads=_threads_of_each(arguments, count),
         )

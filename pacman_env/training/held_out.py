@@ -4,7 +4,6 @@ import copy
 import functools
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from pacman_env.policies.base import Policy
 from pacman_env.sim.batch import GameBatch
 from pacman_env.training.arguments import Arguments
 from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_settings
-from pacman_env.training.lineups import LEARNED, behaviours
+from pacman_env.training.lineups import LEARNED, read
 
 _RULES = ("clyde_aware", "lookahead", "nearest")  # policies that the report compares with
 _HELD_OUT = 128  # number of levels for validation, and of levels for the report
@@ -62,39 +61,37 @@ class HeldOut:
 
     def completed(self, policy: str | Policy, learned: Policy | None = None) -> NDArray[np.bool_]:
         """Play the rounds and return the mask (E,) of completed rounds; ``learned`` moves ghosts called ``learned``."""
-        tasks: list[tuple[Config, dict[int, Policy], NDArray[np.uint64]]] = []  # configuration, ghosts, seeds (E,)
 
-        def play(task: tuple[Config, dict[int, Policy], NDArray[np.uint64]]) -> NDArray[np.bool_]:
-            config, ghosts, seeds = task
+        def play(lineup: str, seeds: NDArray[np.uint64]) -> NDArray[np.bool_]:
+            robot, ghost = copy.deepcopy((policy, learned))  # other threads play with the originals
+            names = read(lineup).behaviours
+            ghosts = {k: ghost for k, name in enumerate(names) if name == LEARNED and ghost is not None}
+            moved = tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
+            config = self._config.with_fields(**{"clyde.ghosts": moved, **lineup_settings(self._arguments, lineup)})
             games = GameBatch(_levels(self._config, self._first), config, len(seeds))
-            own_policy, own_ghosts = copy.deepcopy((policy, ghosts))  # other threads play with the originals
-            records, _ = play_in(games, own_policy, seeds, ghosts=own_ghosts, timed=False)
+            records, _ = play_in(games, robot, seeds, ghosts=ghosts, timed=False)
             return np.asarray(records["end"] == COMPLETE)
 
-        for lineup, rows in self.rows.items() if len(self.seeds) else ():
-            names = behaviours(lineup)
-            ghosts = {} if learned is None else {k: learned for k, name in enumerate(names) if name == LEARNED}
-            changes: dict[str, Any] = {
-                "clyde.ghosts": tuple(POLICY if k in ghosts else name for k, name in enumerate(names))
-            }
-            changes |= lineup_settings(self._arguments, lineup)
-            config = self._config.with_fields(**changes)
-            seeds = self.seeds[rows]
-            tasks += [(config, ghosts, seeds[k : k + _ROUNDS]) for k in range(0, len(seeds), _ROUNDS)]
+        tasks = [
+            (lineup, self.seeds[rows][k : k + _ROUNDS])
+            for lineup, rows in self.rows.items()
+            for k in range(0, rows.stop - rows.start, _ROUNDS)
+        ]
         with ThreadPoolExecutor(self._arguments.threads or cores()) as pool:
-            return np.concatenate([*pool.map(play, tasks), np.zeros(0, dtype=np.bool_)])
+            return np.concatenate([np.zeros(0, dtype=np.bool_), *pool.map(play, *zip(*tasks, strict=True))])
 
     def shares(self, completed: NDArray[np.bool_]) -> tuple[float, dict[str, float]]:
         """Return the completion rates in the mask (E,): over all rounds, and by line-up (0 if there are no rounds)."""
-        if len(self.seeds) == 0:
-            return 0.0, dict.fromkeys(self.rows, 0.0)
-        return float(completed.mean()), {lineup: float(completed[rows].mean()) for lineup, rows in self.rows.items()}
+        each = {lineup: completed[rows] for lineup, rows in {"": slice(None), **self.rows}.items()}
+        shares = {lineup: float(ended.sum()) / max(len(ended), 1) for lineup, ended in each.items()}
+        return shares.pop(""), shares
 
-    def learned(self) -> NDArray[np.int64]:
-        """Return the numbers (M,) of the rounds with a ghost that a member of the league moves."""
-        numbers = np.arange(len(self.seeds))
-        parts = [numbers[rows] for lineup, rows in self.rows.items() if LEARNED in behaviours(lineup)]
-        return np.concatenate([*parts, numbers[:0]])
+    def learned(self) -> NDArray[np.bool_]:
+        """Return the mask (E,) of the rounds with a ghost that a member of the league moves."""
+        mask = np.zeros(len(self.seeds), dtype=np.bool_)
+        for lineup, rows in self.rows.items():
+            mask[rows] = LEARNED in read(lineup).behaviours
+        return mask
 
 
 def report(arguments: Arguments, planner: Policy, learned: Policy, seconds: float) -> str:

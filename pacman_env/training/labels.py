@@ -62,7 +62,7 @@ def imitate(model: PPO, parts: Sequence[PlannerGames], decisions: int, *, games_
 
 @torch.inference_mode()
 def _label(network: EntityNetwork, hyper: Hyperparameters, steps: int, teaching: bool, games: PlannerGames) -> Labels:
-    """Play ``steps`` decisions in each game and label them; the teacher plays if it is ``teaching``, else the network."""
+    """Label ``steps`` decisions in each game; the teacher plays if it is ``teaching``, otherwise the network."""
     config = games.env.env.config
     teacher = make_teacher(games.lineup, hyper.teacher_nodes)
     teacher.reset(np.ones(games.num_envs, dtype=np.bool_), config)
@@ -72,7 +72,7 @@ def _label(network: EntityNetwork, hyper: Hyperparameters, steps: int, teaching:
         situations.append(choices.situations)
         slots.append((choices.order == torch.from_numpy(labels)[:, None]).byte().argmax(dim=1))
         agreed.append(choices.slots == slots[-1])
-        step = games.step(labels if teaching else choices.candidates())
+        step = games.step(labels if teaching else choices.actions)
         if step.dones.any():
             teacher.reset(step.dones, config)
         rewards.append(torch.from_numpy(step.rewards))

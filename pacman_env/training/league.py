@@ -71,9 +71,8 @@ class League:
             return Opponents([BehaviourOpponent("arcade"), BehaviourOpponent("chase")], [1.0, 1.0])
         counts = [record.get(name, (0, 0)) for name in names]
         # For each member count one more lost and one more completed round, so that no weight is 0.
-        return Opponents(
-            [LearnedPlanner(self.path(name)) for name in names], [(n - won + 1) / (n + 2) for won, n in counts]
-        )
+        weights = [(rounds - won + 1) / (rounds + 2) for won, rounds in counts]
+        return Opponents([LearnedPlanner(self.path(name)) for name in names], weights)
 
     def record(
         self, segment: int, seeds: NDArray[np.uint64], completed: NDArray[np.bool_], pool: Opponents

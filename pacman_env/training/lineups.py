@@ -8,6 +8,7 @@ training's, and after ``+`` the number of power pellets. A line-up listed twice 
 import math
 import re
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from pacman_env.config.validation import located, require
 from pacman_env.game.ghosts import GHOST_NAMES, WANDER, find_behaviour
@@ -17,7 +18,7 @@ from pacman_env.policies.registry import make_policy
 
 LEARNED = "learned"  # behaviour of ghosts that a member of the league moves
 RULE = "lookahead"  # teacher if all ghosts wander, otherwise the base of ``search``
-_SPEEDS, _POWER = "@", "+"
+_SYNTAX = re.compile(r"([^@+]*)(?:@([^+-]*)-([^+]*))?(?:\+(\d+))?")
 _AROUND = re.compile(r"\s*([,@+-])\s*")  # spaces around separators
 _FUTURES = 1  # sampled futures of wandering ghosts in the teacher's search
 #: Fewest segments that the search needs for a decision.
@@ -25,48 +26,34 @@ LEAST_NODES = SearchParameters(samples=_FUTURES).least_nodes
 SUB_BATCHES = 4  # in a segment; more if several line-ups cannot share the games otherwise
 
 
-def _parts(lineup: str) -> tuple[str, str | None, str | None]:
-    """Split a line-up into the texts of its ghosts, their speeds and the number of power pellets; None: not given."""
-    ghosts, has_power, power = lineup.partition(_POWER)
-    ghosts, has_speeds, speeds = ghosts.partition(_SPEEDS)
-    return ghosts, speeds if has_speeds else None, power if has_power else None
+class Lineup(NamedTuple):
+    behaviours: tuple[str, ...]  # of each ghost, Clyde first
+    speeds_mps: tuple[float, float] | None  # lowest and highest; None: the speeds of the training
+    power_pellets: int
 
 
-def behaviours(lineup: str) -> tuple[str, ...]:
-    """Return the behaviour of each ghost, Clyde first."""
-    return tuple(_parts(lineup)[0].split(","))
-
-
-def speeds(lineup: str) -> tuple[float, float] | None:
-    """Return the lowest and highest speed of the ghosts, m/s; None: the speeds of the training."""
-    text = _parts(lineup)[1]
-    if text is None:
-        return None
-    low, _, high = text.partition("-")
-    return float(low), float(high)
-
-
-def power_pellets(lineup: str) -> int:
-    text = _parts(lineup)[2]
-    return 0 if text is None else int(text)
+def read(lineup: str) -> Lineup:
+    """Return the parts of a line-up; raises ValueError for a wrong syntax."""
+    if not (match := _SYNTAX.fullmatch(lineup)):
+        raise ValueError(lineup)
+    ghosts, low, high, power = match.groups()
+    return Lineup(tuple(ghosts.split(",")), None if low is None else (float(low), float(high)), int(power or 0))
 
 
 def checked(lineup: str, name: str) -> str:
     """Return the line-up without spaces; raises ConfigError, with the field ``name``, for an invalid line-up."""
     lineup = _AROUND.sub(r"\1", lineup.strip())
     try:
-        low, high = speeds(lineup) or (0.0, 1.0)
-        fits = math.isfinite(high) and 0 <= low < high and power_pellets(lineup) >= 0
+        low, high = read(lineup).speeds_mps or (0.0, 1.0)
+        fits = math.isfinite(high) and 0 <= low < high
     except ValueError:
         fits = False
-    rule = f"lowest and highest speed, m/s, follow {_SPEEDS}, the number of power pellets {_POWER}: chase@0.1-0.3+4"
+    rule = "lowest and highest speed, m/s, follow @, the number of power pellets +: chase@0.1-0.3+4"
     require(fits, name, lineup, rule)
-    each = behaviours(lineup)
+    each = read(lineup).behaviours
     require(all(each), name, lineup, "must be behaviours separated by commas")
     require(len(each) <= len(GHOST_NAMES), name, lineup, f"must be at most {len(GHOST_NAMES)} behaviours")
-    for one in each:
-        if one == LEARNED:
-            continue
+    for one in set(each) - {LEARNED}:
         with located(f"{name} = {lineup!r}"):
             behaviour = find_behaviour(one)
         require(behaviour.target is not None, name, lineup, f"{one!r} is for a ghost that is sent from outside")
@@ -75,20 +62,15 @@ def checked(lineup: str, name: str) -> str:
 
 def searches(lineup: str) -> bool:
     """Return True if ``search`` teaches against the line-up, because not all ghosts wander."""
-    return set(behaviours(lineup)) != {WANDER}
-
-
-def teacher_name(lineup: str) -> str:
-    """Return the name of the rule to imitate against a line-up."""
-    return "search" if searches(lineup) else RULE
+    return set(read(lineup).behaviours) != {WANDER}
 
 
 def make_teacher(lineup: str, nodes: int) -> Policy:
-    """Create the rule to imitate; ``nodes`` are the segments that a search plays for a decision."""
+    """Create the rule to imitate against a line-up; ``nodes`` are the segments that a search plays for a decision."""
+    if not searches(lineup):
+        return make_policy(RULE)
     # The teacher knows the behaviours, which the network has to infer from the ghosts' moves.
-    searching = {"base": RULE, "behaviours": "configuration", "nodes": nodes, "samples": _FUTURES}
-    settings = searching if searches(lineup) else {}
-    return make_policy(teacher_name(lineup), **settings)
+    return make_policy("search", base=RULE, behaviours="configuration", nodes=nodes, samples=_FUTURES)
 
 
 def sub_batches(ghosts: Sequence[str], games: int, levels: int) -> list[str]:
@@ -102,7 +84,7 @@ def sub_batches(ghosts: Sequence[str], games: int, levels: int) -> list[str]:
     require(levels >= count, "levels", levels, f"must be at least the {count} line-ups in ghosts")
     most = -(-SUB_BATCHES // count)
     copies = next(k for k in range(most, 0, -1) if games % (k * count) == 0 and levels >= k * count)
-    ordered = sorted([*ghosts] * copies, key=lambda one: (searches(one), len(behaviours(one)), one))
+    ordered = sorted([*ghosts] * copies, key=lambda one: (searches(one), len(read(one).behaviours), one))
     halves: tuple[list[str], list[str]] = [], []
     for k, one in enumerate(ordered):
         halves[k % 4 in (1, 2)].append(one)  # deal in the order 0 1 1 0

@@ -164,10 +164,7 @@ class Choices(NamedTuple):
     slots: torch.Tensor  # (N,) places of the chosen candidates in ``situations``
     log_probs: torch.Tensor  # (N,)
     values: torch.Tensor  # (N,)
-
-    def candidates(self) -> NDArray[np.int64]:
-        """Return the numbers (N,) of the chosen candidates."""
-        return self.order.gather(1, self.slots[:, None])[:, 0].numpy()
+    actions: NDArray[np.int64]  # (N,) numbers of the chosen candidates
 
 
 @torch.inference_mode()
@@ -181,8 +178,9 @@ def choose(network: EntityNetwork, observation: Observation, generator: torch.Ge
     drawn = log_probs
     if generator is not None:
         drawn = log_probs - torch.empty_like(log_probs).exponential_(generator=generator).log()
-    slots = drawn.argmax(dim=1)
-    return Choices(situations, order, slots, log_probs.gather(1, slots[:, None])[:, 0], values)
+    slots = drawn.argmax(dim=1, keepdim=True)
+    chosen, actions = log_probs.gather(1, slots)[:, 0], order.gather(1, slots)[:, 0].numpy()
+    return Choices(situations, order, slots[:, 0], chosen, values, actions)
 
 
 def check(numbers: torch.Tensor) -> None:

@@ -2,7 +2,7 @@
 
 A training consists of segments. A segment starts with new games and its own random numbers, drawn from the run's seed
 and the segment's number, and ends with a checkpoint. An interrupted run therefore continues from its last checkpoint
-with the same curve, bit for bit. The loop of a segment is: collect a rollout, compute advantages, update in minibatches.
+with the same curve, bit for bit. Its loop is: collect a rollout, compute advantages, update in minibatches.
 
 Threads play the parts of the games and share the chunks of a minibatch, each small enough for a processor's cache.
 Gradients are added in the order of the chunks, so the number of threads does not change the result.
@@ -43,7 +43,7 @@ from pacman_env.training.games import (
 from pacman_env.training.held_out import HeldOut, report
 from pacman_env.training.labels import imitate
 from pacman_env.training.league import League
-from pacman_env.training.lineups import teacher_name
+from pacman_env.training.lineups import make_teacher
 from pacman_env.training.network import EntityNetwork, PackedSituations, check, choose, joined, use_device
 
 #: Returns, for the rows of a chunk, the chunk's part of the minibatch's loss and metrics.
@@ -111,7 +111,7 @@ def train_segment(
     if segment == 0 and hyper.imitation > 0:
         result["agreement"] = imitate(model, parts, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
         result["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
-        rules = " and ".join(dict.fromkeys(map(teacher_name, hyper.lineups)))
+        rules = " and ".join(dict.fromkeys(make_teacher(one, hyper.teacher_nodes).name for one in hyper.lineups))
         bar.write(f"{rules} imitated: {result['imitated']:.1%} of validation rounds completed")
     model.decisions = segment * hyper.segment
     learning = time.perf_counter()
@@ -301,13 +301,13 @@ def play(games: Games, network: EntityNetwork, hyper: Hyperparameters, seed: int
     choices, steps = [], []
     for _ in range(hyper.n_steps):
         choices.append(choose(network, games.observation, generator))
-        steps.append(games.step(choices[-1].candidates()))
+        steps.append(games.step(choices[-1].actions))
     rewards = torch.from_numpy(np.stack([step.rewards for step in steps]))
     dones = torch.from_numpy(np.stack([step.dones for step in steps])).float()
     values = torch.stack([*(one.values for one in choices), choose(network, games.observation).values])
     gae = advantages(rewards, values, dones, hyper.gamma, hyper.gae_lambda)
     returns = gae + values[:-1]
-    situations, _, slots, log_probs, _ = zip(*choices, strict=True)
+    situations, _, slots, log_probs, *_ = zip(*choices, strict=True)
     flat = (torch.cat(slots), torch.cat(log_probs), values[:-1].flatten(), gae.flatten(), returns.flatten())
     return Rollout(joined(situations), *flat), [ending for step in steps for ending in step.endings]
 

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("optuna")
 pytest.importorskip("sb3_contrib")
 
-from pacman_env.training.run_arguments import load_hyperparameters
-from tests.training.test_run_arguments import section
+from pacman_env.training.arguments import load_hyperparameters
+from tests.training.test_arguments import section
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -12,7 +12,7 @@ from pacman_env.config import Config
 from pacman_env.config.described import settings
 from pacman_env.envs.registration import FLAT_ID, IDS
 from pacman_env.observations.planner_columns import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.training.run_arguments import Hyperparameters
+from pacman_env.training.arguments import Hyperparameters
 from tools import ids
 from tools.common import ROOT
 from tools.reference import TABLES, configuration, main

@@ -9,7 +9,7 @@ from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_
 from pacman_env.policies.metadata import Training
 from pacman_env.training.checkpoint import Facts
 from pacman_env.training.export import export_planner
-from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
 
 FACTS = Facts(
     robot_speed_mps=0.25,

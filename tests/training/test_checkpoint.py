@@ -39,7 +39,7 @@ from pacman_env.training.ppo import PPO
 from tests.policies.contract import random_situation
 from tests.training.planners import FACTS
 from tests.training.stock import stock_model
-from tests.training.test_run_arguments import tiny
+from tests.training.test_arguments import tiny
 
 
 def test_facts_are_read_as_written(tmp_path: Path) -> None:

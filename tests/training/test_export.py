@@ -20,7 +20,7 @@ from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.training.export import OPSET, export_planner, model_bytes, network_of
-from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
 from tests.training.planners import FACTS, plain, random_network, random_planner
 
 SIZES = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES)

@@ -18,11 +18,11 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import Fragment, How
-from pacman_env.training.planner_network import EntityNetwork
+from pacman_env.training.network import EntityNetwork
 from pacman_env.training.ppo import PPO
-from pacman_env.training.training_games import Games, make_ghost_parts, make_parts
+from pacman_env.training.games import Games, make_ghost_parts, make_parts
 from tests.training.planners import random_planner
-from tests.training.test_run_arguments import tiny
+from tests.training.test_arguments import tiny
 
 ARGUMENTS = tiny(ghosts=["wander,learned", "chase"], games=4, n_steps=8, levels=4, league_every=1, teacher_nodes=221)
 STEPS = 5

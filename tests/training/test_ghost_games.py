@@ -13,8 +13,8 @@ from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.observations.planner_features import planner_features
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.training.training_games import CLYDE, GhostGames, game_settings, make_ghost_parts
-from tests.training.test_run_arguments import tiny
+from pacman_env.training.games import CLYDE, GhostGames, game_settings, make_ghost_parts
+from tests.training.test_arguments import tiny
 
 GAMES, SCALE = 3, 0.5
 ARGUMENTS = tiny(games=GAMES, segment=GAMES * 64, levels=2 * GAMES, reward_scale=SCALE, batch_size=8)

@@ -16,9 +16,9 @@ from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.training import league as module
 from pacman_env.training.league import League, clyde_arguments
-from pacman_env.training.run_arguments import Arguments
+from pacman_env.training.arguments import Arguments
 from tests.training.planners import random_planner
-from tests.training.test_run_arguments import tiny
+from tests.training.test_arguments import tiny
 
 SEEDS = episode_seeds(0, 4000)
 

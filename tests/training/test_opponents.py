@@ -18,7 +18,7 @@ from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
-from pacman_env.training.run_arguments import FOLDER, Arguments, load_hyperparameters
+from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 
 GAMES = 16
 ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v2.yaml", "headline"))

@@ -22,9 +22,9 @@ from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.ppo import PPO, Rollout, advantages
-from pacman_env.training.training_games import make_parts
+from pacman_env.training.games import make_parts
 from tests.training.stock import random_choices, stock_model
-from tests.training.test_run_arguments import tiny
+from tests.training.test_arguments import tiny
 
 SMALL: dict[str, Any] = {"games": 6, "n_steps": 20, "batch_size": 50, "segment": 120, "n_epochs": 3, "levels": 4}
 HYPER = tiny(width=16, **SMALL).hyper

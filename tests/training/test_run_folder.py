@@ -16,10 +16,10 @@ pytest.importorskip("sb3_contrib")
 import torch
 
 from pacman_env.training.checkpoint import read_facts
-from pacman_env.training.run_arguments import Arguments
-from pacman_env.training.run_folder import Run
-from pacman_env.training.train import train
-from tests.training.test_run_arguments import tiny
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.checkpoint import Run
+from pacman_env.training.ppo import train
+from tests.training.test_arguments import tiny
 
 State = dict[str, torch.Tensor]
 

@@ -18,10 +18,10 @@ from pacman_env.observations.situation import REFUGE
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.training.checkpoint import facts_path, read_facts
 from pacman_env.training.held_out import HeldOut
-from pacman_env.training.train import main, parse
-from pacman_env.training.training_games import game_config
+from pacman_env.training.ppo import main, parse
+from pacman_env.training.games import game_config
 from tests.policies.contract import random_situation
-from tests.training.test_run_arguments import section, tiny
+from tests.training.test_arguments import section, tiny
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The headline section, made short.

@@ -13,7 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pacman_env.training.planner_network import FORBIDDEN, EntityNetwork
+from pacman_env.training.network import FORBIDDEN, EntityNetwork
 from tests.training.planners import plain, random_network
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute

@@ -13,8 +13,8 @@ import torch
 import yaml
 
 from pacman_env.training.lineups import behaviours
-from pacman_env.training.run_arguments import FOLDER, Arguments, Hyperparameters, from_values, load_hyperparameters
-from pacman_env.training.train import parse
+from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, from_values, load_hyperparameters
+from pacman_env.training.ppo import parse
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
 SHIPPED = FOLDER / "PacManBot-v2.yaml"

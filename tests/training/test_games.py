@@ -14,9 +14,9 @@ from pacman_env.levels.house_families import WIDE_HOUSES
 from pacman_env.levels.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.training.run_arguments import Arguments
-from pacman_env.training.train import parse
-from pacman_env.training.training_games import (
+from pacman_env.training.arguments import Arguments
+from pacman_env.training.ppo import parse
+from pacman_env.training.games import (
     VALIDATION_LEVEL,
     Ending,
     PlannerGames,
@@ -28,7 +28,7 @@ from pacman_env.training.training_games import (
 )
 from tests.envs.helpers import QUICK
 from tests.training.stock import random_choices
-from tests.training.test_run_arguments import tiny
+from tests.training.test_arguments import tiny
 
 
 def parts_of(arguments: Arguments, segment: int = 0, **changes: Any) -> list[PacManBotVecEnv]:

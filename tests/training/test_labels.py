@@ -20,8 +20,8 @@ from pacman_env.training import ppo
 from pacman_env.training.collector import Collector
 from pacman_env.training.fragments import choose
 from pacman_env.training.ppo import PPO, discounted, imitate
-from pacman_env.training.training_games import Games, PlannerGames, dropped, make_parts
-from tests.training.test_run_arguments import tiny
+from pacman_env.training.games import Games, PlannerGames, dropped, make_parts
+from tests.training.test_arguments import tiny
 
 
 def pupil(seed: int = 0, **changes: Any) -> PPO:
