@@ -24,7 +24,7 @@ from tools.common import table
 
 PROGRAM = ROOT / "benchmarks" / "speed.py"
 _START = "import gymnasium, pacman_env; env = gymnasium.make('{}', map={!r}); env.reset(seed=0); env.step(0)"
-_TRAIN = "import sys; from pacman_env.training.ppo import main; sys.exit(main(sys.argv[1:]))"
+_TRAIN = "import sys; from pacman_env.cli.main import main; sys.exit(main(['train', *sys.argv[1:]]))"
 _SHORT = ("--quick", "--imitation", "8192", "--decisions", "65536", "--segment", "65536", "--evaluation", "16")
 _UNITS = ("decisions_per_s", "cpu_s")
 Figures = dict[str, dict[str, Any]]  # by row

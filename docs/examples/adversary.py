@@ -17,17 +17,16 @@ import torch
 from tqdm import tqdm
 
 from pacman_env import BehaviourOpponent, Opponents, make_policy, wilson
-from pacman_env.executors.executor import InThreads
 from pacman_env.policies.metadata import read_planner
 from pacman_env.sim.ghost_state import BEHAVIOUR_NAMES
-from pacman_env.training.collector import Collector
-from pacman_env.training.export import export_planner, network_of
-from pacman_env.training.fragments import use_device
-from pacman_env.training.held_out import HeldOut
-from pacman_env.training.lineups import LEARNED
-from pacman_env.training.ppo import PPO, imitate
 from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
-from pacman_env.training.games import facts_of, make_ghost_parts, make_parts
+from pacman_env.training.checkpoint import facts_of
+from pacman_env.training.export import export_planner, network_of
+from pacman_env.training.games import make_ghost_parts, make_parts
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.labels import imitate
+from pacman_env.training.lineups import LEARNED
+from pacman_env.training.ppo import PPO
 
 RULES = ("lookahead", "clyde_aware")
 PLANNER, CLYDE = 0, 1
@@ -41,7 +40,6 @@ class Adversaries:
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
         self.hyper = load_hyperparameters(FOLDER / "PacManBot-v2.yaml", "headline")
-        self.executor = InThreads(2)
         self.decisions, self.files = [0, 0], dict[str, Path]()
         self.completed: dict[str, dict[str, np.ndarray]] = {}
         planner, path = self.arguments(PLANNER), options.start
@@ -57,9 +55,8 @@ class Adversaries:
         if network is not None:
             self.models[PLANNER].network.load_state_dict(network.state_dict())
         elif options.imitation > 0:
-            games = Collector(make_parts(planner, 0), self.executor)
             seeds = self.seeds(PLANNER, 0)
-            imitate(self.models[PLANNER], games, options.imitation, games_seed=seeds[0], seed=seeds[1])
+            imitate(self.models[PLANNER], make_parts(planner, 0), options.imitation, games_seed=seeds[0], seed=seeds[1])
 
     def arguments(self, side: int, ghost: str = "wander") -> Arguments:
         """Return the arguments of a side's games; ``ghost`` plays Clyde when the planner learns."""
@@ -81,9 +78,8 @@ class Adversaries:
         model, (torch_seed, games_seed) = self.models[side], self.seeds(side, number)
         torch.manual_seed(torch_seed)
         model.decisions = 0
-        games = Collector(parts, self.executor)
         with tqdm(total=model.hyper.decisions) as bar:
-            model.learn(games, model.hyper.decisions, games_seed, bar)
+            model.learn(parts, model.hyper.decisions, games_seed, bar)
         self.decisions[side] += model.decisions
 
     def export(self, side: int, number: int) -> str:
@@ -104,7 +100,7 @@ class Adversaries:
             if clyde not in row:
                 learned = make_policy(str(self.files[clyde])) if clyde in self.files else None
                 ghosts = (clyde if learned is None else LEARNED,)
-                rounds = HeldOut(self.arguments(PLANNER), self.options.evaluation, self.executor, ghosts=ghosts)
+                rounds = HeldOut(self.arguments(PLANNER), self.options.evaluation, ghosts=ghosts)
                 row[clyde] = rounds.completed(make_policy(str(self.files.get(policy, policy))), learned)
 
     def round(self, number: int) -> None:
@@ -142,7 +138,6 @@ def main() -> None:
         add(f"--{name}", type=int, default=short if quick else long, help=f"({long}; with --quick {short})")
     options = parser.parse_args()
     options.out.mkdir(parents=True)
-    use_device("cpu")
     run = Adversaries(options)
     run.play(run.export(PLANNER, 0), *BEHAVIOUR_NAMES)
     for number in range(1, options.rounds + 1):

@@ -6,11 +6,8 @@ import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed, wait
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
-
-from pacman_env.engine.cores import cores
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
@@ -55,22 +52,13 @@ class Executor(ABC):
         ``function`` must be a function of a module that workers can import.
         """
 
-    def map(
-        self,
-        function: Callable[[Task], Result],
-        tasks: Sequence[Task],
-        on_result: Callable[[Result], object] = lambda result: None,
-    ) -> Iterator[Result]:
-        """Yield the results in the order of the tasks, and call ``on_result`` with each result as it comes.
-
-        Raise the first error at once and cancel the other tasks.
-        """
+    def map(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Iterator[Result]:
+        """Yield the results in the order of the tasks; raise the first error at once and cancel the other tasks."""
         early: dict[int, Result] = {}
         number = 0
         with contextlib.closing(self.run(function, tasks)) as ends:
             for done in ends:
                 early[done.number] = done.result()
-                on_result(early[done.number])
                 while number in early:
                     yield early.pop(number)
                     number += 1
@@ -114,31 +102,6 @@ def _survives(error: Exception) -> bool:
     except Exception:  # pickle calls the code of the exception, which may fail anywhere
         return False
     return type(copy) is type(error) and str(copy) == str(error)
-
-
-class InThreads(InProcess):
-    """Run tasks in threads of this process (0: one per core)."""
-
-    def __init__(self, threads: int) -> None:
-        super().__init__()
-        self.workers = threads or cores()
-        self._pool = ThreadPoolExecutor(self.workers, "tasks")
-
-    def run(self, function: Callable[[Task], Result], tasks: Sequence[Task]) -> Generator[Done[Result], None, None]:
-        if self.workers == 1:
-            yield from super().run(function, tasks)
-            return
-        running = [self._pool.submit(attempt, function, number, task) for number, task in enumerate(tasks)]
-        try:
-            for future in as_completed(running):
-                yield future.result()
-        finally:
-            for future in running:
-                future.cancel()
-            wait(running)
-
-    def close(self) -> None:
-        self._pool.shutdown()
 
 
 @contextlib.contextmanager

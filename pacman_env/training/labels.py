@@ -49,19 +49,21 @@ def imitate(model: PPO, parts: Sequence[PlannerGames], decisions: int, *, games_
     met: list[Labels] = []
     start(parts, games_seed, model.pool)
     for turn in range(_TURNS):
-        play = partial(_label, model.copy(), model.hyper, steps, turn == 0)
+        play = partial(play_labelled, model.copy(), model.hyper, steps, turn == 0)
         played = list(model.pool.map(play, parts))
         met += played
         labels = joined(met, model.device)
         counts = labels.situations.counts
         for _ in range(_EPOCHS):
             for rows in torch.randperm(len(counts), generator=generator).to(model.device).split(_BATCH):
-                model.descend(optimizer, partial(_loss, model.network, labels, len(rows)), rows, counts)
+                model.descend(optimizer, partial(loss, model.network, labels, len(rows)), rows, counts)
     return float(torch.cat([labels.agreed for labels in played]).mean())
 
 
 @torch.inference_mode()
-def _label(network: EntityNetwork, hyper: Hyperparameters, steps: int, teaching: bool, games: PlannerGames) -> Labels:
+def play_labelled(
+    network: EntityNetwork, hyper: Hyperparameters, steps: int, teaching: bool, games: PlannerGames
+) -> Labels:
     """Label ``steps`` decisions in each game; the teacher plays if it is ``teaching``, otherwise the network."""
     config = games.env.env.config
     teacher = make_teacher(games.lineup, hyper.teacher_nodes)
@@ -89,7 +91,7 @@ def discounted(rewards: torch.Tensor, dones: torch.Tensor, gamma: float) -> tupl
     return returns, dones.flip(0).cummax(dim=0).values.flip(0)
 
 
-def _loss(network: EntityNetwork, labels: Labels, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def loss(network: EntityNetwork, labels: Labels, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the loss of ``rows`` (M,) of a minibatch of ``count`` situations, and no metrics (0,)."""
     situations, slots = labels.situations.of(rows), labels.slots[rows]
     logits, values = network.judge_packed(situations)

@@ -25,6 +25,7 @@ from tqdm import tqdm
 from pacman_env.command_line.command import guarded
 from pacman_env.engine.cores import cores
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.policies.base import Policy
 from pacman_env.training.arguments import Arguments, Hyperparameters, parse
 from pacman_env.training.arguments import make_parser as make_parser
 from pacman_env.training.checkpoint import Run, TorchPlanner, facts_path, read_facts, restore
@@ -102,7 +103,7 @@ def train_segment(
     seeds = np.random.SeedSequence(arguments.seed, spawn_key=(segment,)).generate_state(3).tolist()
     began = time.perf_counter()
     if league.is_due(segment):
-        _train_clyde(league, segment, planner_of(arguments, model))
+        train_clyde(league, segment, planner_of(arguments, model))
     pool = league.pool(segment, folder.against_league())
     repeats = folder.segments[-1]["again"] if folder.segments else {}
     parts = make_parts(arguments, segment, pool, repeats)
@@ -143,7 +144,7 @@ def _log(writer: SummaryWriter, numbers: Numbers, decisions: int) -> None:
         writer.add_scalar(name, value, decisions)
 
 
-def _train_clyde(league: League, segment: int, planner: TorchPlanner) -> None:
+def train_clyde(league: League, segment: int, planner: Policy) -> None:
     """Train the due member of the league against the current planner."""
     arguments, weights, seeds = league.training(segment)
     learner = PPO(arguments.hyper, seeds[0], threads=arguments.threads)

@@ -14,8 +14,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
 
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.training.network import EntityNetwork
 from pacman_env.training.arguments import Hyperparameters
+from pacman_env.training.network import EntityNetwork
 
 Masks = NDArray[Any] | torch.Tensor | None
 

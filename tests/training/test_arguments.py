@@ -12,9 +12,15 @@ pytest.importorskip("sb3_contrib")
 import torch
 import yaml
 
-from pacman_env.training.lineups import behaviours
-from pacman_env.training.arguments import FOLDER, Arguments, Hyperparameters, from_values, load_hyperparameters
-from pacman_env.training.ppo import parse
+from pacman_env.training.arguments import (
+    FOLDER,
+    Arguments,
+    Hyperparameters,
+    from_values,
+    load_hyperparameters,
+    parse,
+)
+from pacman_env.training.lineups import read
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
 SHIPPED = FOLDER / "PacManBot-v2.yaml"
@@ -44,6 +50,7 @@ TINY: dict[str, Any] = {
     "league_every": 0,
     "imitation": 64,
     "teacher_nodes": 3000,
+    "value_decisions": 0,
     "decide": "tick",
 }
 
@@ -177,7 +184,7 @@ def test_lineups_are_given_on_command_line() -> None:
 
 
 def test_headline_training_uses_1_to_4_ghosts() -> None:
-    lineups = [behaviours(lineup) for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
+    lineups = [read(lineup).behaviours for lineup in load_hyperparameters(SHIPPED, "headline").lineups]
     assert {name for lineup in lineups for name in lineup} == {"wander", "arcade", "chase", "learned"}
     assert {len(lineup) for lineup in lineups} == {1, 2, 4}
 
@@ -189,9 +196,17 @@ def test_quick_option_uses_its_own_section_and_folder() -> None:
     assert quick.out != full.out
 
 
+def test_start_excludes_imitation() -> None:
+    for options in ([], ["--quick"]):
+        hyper, started = parse(options).hyper, parse([*options, "--start", "mine.onnx"])
+        assert started.hyper == dataclasses.replace(hyper, imitation=0)
+        assert started.start == Path("mine.onnx")
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (["--start", "mine.onnx", "--imitation", "64"], "imitation = 64: must be 0"),
         (["--gamma", "much"], "gamma"),
         (["--without", "nothing"], "nothing"),
         (["--ghosts"], "ghosts = (): Expected `array` of length >= 1"),

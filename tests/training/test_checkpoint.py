@@ -156,16 +156,6 @@ def test_invalid_checkpoint_is_refused_by_name(damage: str, checkpoint: Path, tm
     assert not (tmp_path / "trace").exists()
 
 
-@pytest.mark.parametrize(
-    ("damage", "kind"), [("other-network", "a model of Stable-Baselines3"), ("torn", "no zip file, or cut off")]
-)
-def test_foreign_zip_is_described(damage: str, kind: str, checkpoint: Path, tmp_path: Path) -> None:
-    path = Path(shutil.copy(checkpoint, tmp_path))
-    DAMAGES[damage](path, tmp_path / "trace")
-    with pytest.raises(ValueError, match=kind):
-        load_planner(path)
-
-
 def test_code_in_valid_checkpoint_is_never_run(
     checkpoint: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,8 +14,7 @@ from pacman_env.levels.house_families import WIDE_HOUSES
 from pacman_env.levels.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES
 from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.training.arguments import Arguments
-from pacman_env.training.ppo import parse
+from pacman_env.training.arguments import Arguments, parse
 from pacman_env.training.games import (
     VALIDATION_LEVEL,
     Ending,
@@ -23,6 +22,7 @@ from pacman_env.training.games import (
     clyde_limit,
     dropped,
     game_config,
+    levels_to_repeat,
     lineup_settings,
     make_parts,
 )
@@ -55,13 +55,13 @@ def test_reward_scale_changes_rewards_only() -> None:
     for _ in range(60):
         actions = rng.integers(plain.action_space.n, size=4)  # type: ignore[attr-defined]
         expected, found = plain.step(actions), games.step(actions)
-        assert (found[1] == expected[1] * np.float32(0.2)).all()
-        assert found[1].dtype == np.float32
-        assert (found[2] == expected[2]).all()
-        assert all((found[0][key] == expected[0][key]).all() for key in expected[0])
+        assert (found.rewards == expected[1] * np.float32(0.2)).all()
+        assert found.rewards.dtype == np.float32
+        assert (found.dones == expected[2]).all()
+        assert all((games.observation[key] == expected[0][key]).all() for key in expected[0])
         infos = [info for info, done in zip(expected[3], expected[2], strict=True) if done]
         assert found.endings == [
-            Ending(info["outcome"], None, info["episode"]["r"], info["episode"]["l"]) for info in infos
+            Ending(info["outcome"], info["episode"]["r"], info["episode"]["l"], "wander") for info in infos
         ]
         ended += int(expected[2].sum())
     assert ended > 0
@@ -111,9 +111,9 @@ def test_each_part_has_own_policy_for_learned_ghost() -> None:
     places, lineups = [], []
     for games in parts:
         rng = np.random.default_rng(0)
-        observation = games.reset(0)
+        games.reset(0)
         for _ in range(5):
-            observation = games.step(random_choices(observation["action_mask"], rng)).observation
+            games.step(random_choices(games.observation["action_mask"], rng))
         lineups.append(ghosts_of(games.env))
         places += games.env.env.batch.ghosts["place"][:, 1].tolist() if "policy" in lineups[-1] else []
     assert sorted(lineups) == ["wander", "wander", "wander,policy", "wander,policy"]
@@ -193,3 +193,24 @@ def test_curriculum_limits_ghost_speeds_of_all_lineups() -> None:
         assert part.env.config.randomize.clyde_speed_mps == (0.2, limit)
         ghosts = part.env.batch.ghosts
         assert (ghosts["speed"] == part.env.batch.games["clyde_speed"][:, None]).all()
+
+
+def rounds(*counts: tuple[str, int, int, int]) -> list[Ending]:
+    """``counts``: against a line-up, on a level: completed rounds, all rounds."""
+    outcomes = {True: "complete", False: "caught"}
+    return [Ending(outcomes[k < won], lineup=lineup, level=level) for lineup, level, won, n in counts for k in range(n)]
+
+
+def test_half_completed_levels_are_repeated_first() -> None:
+    chase = [(3, 1, 10), (5, 5, 10), (9, 0, 10), (2, 10, 10), (4, 3, 10), (1, 4, 9)]
+    found = levels_to_repeat(rounds(*(("chase", *one) for one in chase)))
+    assert found == {"chase": [5, 1, 4]}  # of six; 9 is never completed, 2 always
+
+
+def test_levels_with_few_rounds_are_not_repeated() -> None:
+    assert levels_to_repeat(rounds(("chase", 1, 2, 5), ("chase", 2, 3, 6))) == {"chase": [2]}
+
+
+def test_repeated_levels_are_separate_for_each_lineup() -> None:
+    found = levels_to_repeat(rounds(("chase", 1, 3, 6), ("wander", 3, 3, 6), ("chase", 4, 2, 6)))
+    assert found == {"chase": [1], "wander": []}  # half of two, half of one

@@ -45,7 +45,7 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
     ends = 0
     for _ in range(30):
         choices = rng.integers(count(games), size=GAMES)
-        observations, rewards, dones, endings = games.step(choices)
+        rewards, dones, endings = games.step(choices)
         assert len(endings) == dones.sum()
         left = iter(endings)
         for i, (twin, robot) in enumerate(zip(twins, robots, strict=True)):
@@ -58,9 +58,9 @@ def test_ghost_games_equal_environments_with_policy_driven_robot() -> None:
                 ends += 1
                 twin.reset()
             seen = planner_features(situation_of(twin.batch, 0), twin.config.robot.speed_mps)
-            np.testing.assert_array_equal(observations["planner_candidates"][i], seen[0][0])
-            np.testing.assert_array_equal(observations["planner_globals"][i], seen[1][0])
-            np.testing.assert_array_equal(observations["action_mask"][i], situation_of(twin.batch, 0).mask[0])
+            np.testing.assert_array_equal(games.observation["planner_candidates"][i], seen[0][0])
+            np.testing.assert_array_equal(games.observation["planner_globals"][i], seen[1][0])
+            np.testing.assert_array_equal(games.observation["action_mask"][i], situation_of(twin.batch, 0).mask[0])
     assert ends >= 2 * GAMES
 
 

@@ -10,13 +10,13 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import episode_seeds
-from pacman_env.executors.executor import InProcess
 from pacman_env.heuristics.simple import Nearest
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import read_planner
 from pacman_env.training import league as module
-from pacman_env.training.league import League, clyde_arguments
 from pacman_env.training.arguments import Arguments
+from pacman_env.training.league import League, clyde_arguments
+from pacman_env.training.ppo import train_clyde
 from tests.training.planners import random_planner
 from tests.training.test_arguments import tiny
 
@@ -28,20 +28,20 @@ def arguments(**changes: Any) -> Arguments:
 
 
 def test_league_adds_member_after_configured_number_of_segments(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path)
+    league = League(arguments(out=tmp_path))
     assert [segment for segment in range(7) if league.is_due(segment)] == [2, 4, 6]
     assert [len(league.names(segment)) for segment in range(7)] == [0, 0, 1, 1, 2, 2, 3]
-    assert League(tiny(), tmp_path).names(9) == []
-    assert not League(tiny(), tmp_path).is_due(2)
+    assert League(tiny(tmp_path)).names(9) == []
+    assert not League(tiny(tmp_path)).is_due(2)
 
 
 def test_rules_play_while_league_has_no_members(tmp_path: Path) -> None:
-    pool = League(arguments(), tmp_path).pool(1, {})
+    pool = League(arguments(out=tmp_path)).pool(1, {})
     assert [member.name for member in pool.members] == ["arcade", "chase"]
 
 
 def test_members_are_drawn_by_how_often_they_win(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path)
+    league = League(arguments(out=tmp_path))
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
     pool = league.pool(4, {"clyde-1": (8, 8), "clyde-2": (0, 8)})  # weights 1/10 and 9/10
@@ -51,7 +51,7 @@ def test_members_are_drawn_by_how_often_they_win(tmp_path: Path) -> None:
 
 
 def test_rounds_are_counted_for_the_playing_member(tmp_path: Path) -> None:
-    league = League(arguments(), tmp_path)
+    league = League(arguments(out=tmp_path))
     for name in ("clyde-1", "clyde-2"):
         random_planner(tmp_path, name)
     pool = league.pool(4, {})
@@ -68,9 +68,9 @@ def test_member_is_trained_reproducibly_against_planner(tmp_path: Path, monkeypa
     contents = []
     for number in range(2):
         folder = tmp_path / str(number)
-        league = League(arguments(), folder)
+        league = League(arguments(out=folder))
         for segment in (2, 4):
-            league.train(segment, Nearest(), InProcess())
+            train_clyde(league, segment, Nearest())
         contents.append([league.path(name).read_bytes() for name in league.names(4)])
     assert contents[0] == contents[1]
     assert contents[0][0] != contents[0][1]

@@ -6,21 +6,21 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.search.search import Search
-from pacman_env.training.lineups import behaviours, checked, make_teacher, searches, speeds, sub_batches, teacher_name
+from pacman_env.training.lineups import checked, make_teacher, read, searches, sub_batches
 
 EIGHT = ["wander", "wander", "wander,wander", "arcade", "chase", "arcade,chase", "wander,arcade,chase,wander", "chase"]
 
 
 def test_spaces_are_removed_from_lineup() -> None:
     assert checked(" arcade, chase", "ghosts[0]") == "arcade,chase"
-    assert behaviours("wander,arcade") == ("wander", "arcade")
+    assert read("wander,arcade").behaviours == ("wander", "arcade")
 
 
 def test_lineup_accepts_speed_range() -> None:
     assert checked("arcade, learned@ 0.1 - 0.3", "ghosts[0]") == "arcade,learned@0.1-0.3"
-    assert behaviours("arcade,learned@0.1-0.3") == ("arcade", "learned")
-    assert speeds("arcade,learned@0.1-0.3") == (0.1, 0.3)
-    assert speeds("arcade") is None
+    assert read("arcade,learned@0.1-0.3").behaviours == ("arcade", "learned")
+    assert read("arcade,learned@0.1-0.3").speeds_mps == (0.1, 0.3)
+    assert read("arcade").speeds_mps is None
 
 
 @pytest.mark.parametrize(
@@ -61,14 +61,13 @@ def test_both_halves_contain_equally_many_ghosts_and_searches() -> None:
     found = sub_batches(EIGHT, 256, 128)
     first, last = found[:4], found[4:]
     assert sum(map(searches, first)) - sum(map(searches, last)) in (-1, 0, 1)
-    assert abs(sum(len(behaviours(one)) for one in first) - sum(len(behaviours(one)) for one in last)) <= 2
+    assert abs(sum(len(read(one).behaviours) for one in first) - sum(len(read(one).behaviours) for one in last)) <= 2
     assert sub_batches(["chase", "wander", "arcade"], 3, 3) == ["wander", "arcade", "chase"]
 
 
 def test_teacher_searches_unless_every_ghost_wanders() -> None:
     named = {"wander": "lookahead", "wander,wander": "lookahead", "arcade": "search", "wander,chase": "search"}
-    assert {lineup: teacher_name(lineup) for lineup in named} == named
-    assert all(make_teacher(lineup, 300).name == name for lineup, name in named.items())
+    assert {lineup: make_teacher(lineup, 300).name for lineup in named} == named
     teacher = make_teacher("wander,chase", 300)
     assert isinstance(teacher, Search)
     assert (teacher.parameters.nodes, teacher.parameters.samples, teacher.base.name) == (300, 1, "lookahead")

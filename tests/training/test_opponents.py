@@ -11,14 +11,13 @@ from hypothesis import strategies as st
 
 from pacman_env.envs.arguments import EnvArguments, Ghosts
 from pacman_env.envs.game_runner import GameRunner
-from pacman_env.executors.executor import InProcess
 from pacman_env.observations.situation import Situation
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import BasePolicy, Policy
 from pacman_env.policies.opponents import BehaviourOpponent, Opponents
+from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 from pacman_env.training.held_out import HeldOut
 from pacman_env.training.lineups import LEARNED
-from pacman_env.training.arguments import FOLDER, Arguments, load_hyperparameters
 
 GAMES = 16
 ARGUMENTS = Arguments(hyper=load_hyperparameters(FOLDER / "PacManBot-v2.yaml", "headline"))
@@ -99,7 +98,7 @@ def test_invalid_pool_is_refused(members: list[Policy], shares: list[float], wor
 
 
 def test_rounds_do_not_depend_on_number_of_rounds() -> None:
-    many = HeldOut(ARGUMENTS, 12, InProcess(), ghosts=("wander",)).completed("nearest")
-    few = HeldOut(ARGUMENTS, 6, InProcess(), ghosts=(LEARNED,)).completed("nearest", BehaviourOpponent("wander"))
+    many = HeldOut(ARGUMENTS, 12, ghosts=("wander",)).completed("nearest")
+    few = HeldOut(ARGUMENTS, 6, ghosts=(LEARNED,)).completed("nearest", BehaviourOpponent("wander"))
     np.testing.assert_array_equal(many[:6], few)
     assert 0 < many.sum() < 12

@@ -11,15 +11,15 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.episodes.rollout import play
-from pacman_env.executors.executor import InProcess
 from pacman_env.game.ends import COMPLETE
 from pacman_env.levels.level_source import GeneratedMaps
 from pacman_env.observations.situation import REFUGE
 from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.training.arguments import parse
 from pacman_env.training.checkpoint import facts_path, read_facts
-from pacman_env.training.held_out import HeldOut
-from pacman_env.training.ppo import main, parse
 from pacman_env.training.games import game_config
+from pacman_env.training.held_out import HeldOut
+from pacman_env.training.ppo import main
 from tests.policies.contract import random_situation
 from tests.training.test_arguments import section, tiny
 
@@ -75,9 +75,9 @@ def test_record_contains_arguments_and_every_segment(trained: Path) -> None:
 
 def test_validation_rounds_are_shared_among_lineups() -> None:
     arguments = tiny(ghosts=["wander", "chase", "wander", "arcade,chase"], levels=4)
-    held_out = HeldOut(arguments, 5, InProcess())
+    held_out = HeldOut(arguments, 5)
     assert held_out.rows == {"wander": slice(0, 1), "chase": slice(1, 3), "arcade,chase": slice(3, 5)}
-    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5, InProcess()).seeds)
+    np.testing.assert_array_equal(held_out.seeds, HeldOut(tiny(), 5).seeds)
     ended = held_out.completed("nearest")
     share, each = held_out.shares(ended)
     assert share == ended.mean()
@@ -87,7 +87,7 @@ def test_validation_rounds_are_shared_among_lineups() -> None:
         config = config.with_fields(**{"clyde.ghosts": tuple(lineup.split(","))})
         records, _ = play(source, config, "nearest", held_out.seeds[rows])
         np.testing.assert_array_equal(ended[rows], records["end"] == COMPLETE)
-    nothing = HeldOut(arguments, 0, InProcess())
+    nothing = HeldOut(arguments, 0)
     assert nothing.shares(nothing.completed("nearest")) == (0.0, {"wander": 0.0, "chase": 0.0, "arcade,chase": 0.0})
 
 

@@ -1,6 +1,7 @@
 """A run goes on where it was interrupted, to the same bits; what does not fit is refused by name, never unpickled."""
 
 import dataclasses
+import hashlib
 import io
 import json
 import shutil
@@ -15,10 +16,11 @@ pytest.importorskip("sb3_contrib")
 
 import torch
 
-from pacman_env.training.checkpoint import read_facts
 from pacman_env.training.arguments import Arguments
-from pacman_env.training.checkpoint import Run
+from pacman_env.training.checkpoint import Run, read_facts
+from pacman_env.training.export import network_of
 from pacman_env.training.ppo import train
+from tests.training.planners import random_planner
 from tests.training.test_arguments import tiny
 
 State = dict[str, torch.Tensor]
@@ -161,14 +163,14 @@ def test_resuming_with_other_arguments_names_changed_field(
         ("", "no run to resume"),
         ('{"arguments"', "no run to resume"),
         ("[]", "no run to resume"),
-        ('{"arguments": {}}', "no run to resume: 'segments'"),
-        ('{"arguments": {}, "segments": [3]}', "no run to resume"),
-        ('{"arguments": {}, "segments": [{"segment": 0}]}', "no run to resume: 'completed'"),
+        ('{"arguments": {"hyper": {}}}', "no run to resume: 'segments'"),
+        ('{"arguments": {"hyper": {}}, "segments": [3]}', "no run to resume"),
+        ('{"arguments": {"hyper": {}}, "segments": [{"segment": 0}]}', "no run to resume: 'completed'"),
         (
-            '{"arguments": {}, "segments": [{"segment": 1, "completed": 0}]}',
+            '{"arguments": {"hyper": {}}, "segments": [{"segment": 1, "completed": 0}]}',
             "no run to resume: its segments are not in order",
         ),
-        ('{"arguments": [], "segments": []}', "was started with decisions = None, not 192"),
+        ('{"arguments": [], "segments": []}', "no run to resume"),
     ],
 )
 def test_invalid_record_is_refused(content: str | None, message: str, broken: Arguments) -> None:
@@ -188,6 +190,23 @@ def test_record_of_another_version_names_missing_field(broken: Arguments) -> Non
             train(broken)
 
 
+def test_start_begins_from_planner_and_is_recorded(tmp_path: Path) -> None:
+    """PPO fits only values, so that the policy stays that of the file."""
+    planner = random_planner(tmp_path, width=8)
+    arguments = tiny(tmp_path / "run", start=planner, imitation=0, decisions=128, value_decisions=127)
+    with pytest.raises(_Interrupted):
+        train(arguments, interrupt)
+    given, last = network_of(planner).state_dict(), weights(arguments.out / "last.zip")
+    assert torch.equal(given["encode.weight"], last["network.encode.weight"])
+    assert not torch.equal(given["critic.0.weight"], last["network.critic.0.weight"])
+    recorded = json.loads((arguments.out / "run.json").read_text())["arguments"]["start"]
+    assert recorded == hashlib.sha256(planner.read_bytes()).hexdigest()
+    other = again(arguments, start=random_planner(tmp_path, "other", seed=1, width=8))
+    with pytest.raises(ValueError, match=rf"run\.json: was started with start = {recorded}"):
+        train(other)
+    assert len(train(again(arguments))[0].segments) == 2
+
+
 def test_learning_rate_falls_over_whole_run(whole: Arguments, begun: Arguments) -> None:
     first, last = whole.hyper.learning_rate
     assert weights(begun.out / "last.zip")["rate"] == pytest.approx(first + (last - first) / 3)
@@ -199,7 +218,8 @@ def test_best_checkpoint_has_highest_validation_or_is_latest(tmp_path: Path) -> 
     folder, model = train(arguments)
     saved_at = []
     for segment, share in enumerate((0.5, 0.25, 0.5, 0.75, 0.5), start=1):
-        folder.write(model, {"segment": segment, "completed": share})
+        result = {"segment": segment, "decisions": 64, "completed": share}
+        folder.write(model.network, model.optimizer, result)
         saved_at.append(read_facts(folder.folder / "best.facts.json").metrics["segment"])
     assert saved_at == [1, 1, 3, 4, 4]
 
