@@ -21,7 +21,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 #: Files that take longest: begun first, so that none is left to run alone at the end.
 LONGEST = (
     *("ros/supervisor/test_up.py", "docs/test_site.py"),
-    *("ros/supervisor/test_operating.py", "ros/supervisor/test_nav2.py", "training/test_fragments.py"),
+    *("ros/supervisor/test_operating.py", "ros/supervisor/test_nav2.py", "training/test_labels.py"),
     *("ros/test_package.py", "ros/simulated_robot/test_sim_robot.py"),
     *("test_other_python.py", "web/test_page.py", "test_package.py"),
     *("clients/test_scripts.py", "envs/test_contract.py", "system/test_memory.py", "web/test_page_accessible.py"),
