@@ -83,8 +83,6 @@ class Hyperparameters(Checked):
     """Decisions of a rule to imitate first; 0: none, PPO starts from random weights or from ``--start``."""
     teacher_nodes: AtLeastOne
     """Segments that ``search`` plays for an imitated decision, at least 221; not used if all ghosts wander."""
-    value_decisions: Count
-    """First decisions of PPO, in which it fits only the values and keeps the policy; 0: none."""
     decide: Literal["tick", "event"]
     """When the planner decides in training: tick, every 0.5 s, or event, when something happened."""
 
@@ -132,6 +130,8 @@ class Arguments(Checked):
     """Folder of the run: checkpoints, planner.onnx, run.json, TensorBoard's files."""
     start: Path | None = None
     """Planner (.onnx, or checkpoint .zip) whose weights PPO starts from, instead of imitation."""
+    value_decisions: Count = 0
+    """First decisions of PPO, in which it fits only the values and keeps the policy."""
     seed: Annotated[int, Meta(ge=0, lt=2**32)] = 0
     """Seed of everything random."""
     resume: bool = False

@@ -93,5 +93,5 @@ def clyde_arguments(arguments: Arguments) -> Arguments:
     rollout = _GAMES * _STEPS
     changes: dict[str, Any] = {"games": _GAMES, "n_steps": _STEPS, "segment": rollout, "batch_size": rollout // 4}
     changes |= {"decisions": _DECISIONS, "learning_rate": _RATE, "cycles": 1, "gamma": _GAMMA}
-    changes |= {"ghosts": (LEARNED,), "clyde_speed": _SPEED_MPS, "decide": "tick", "imitation": 0, "value_decisions": 0}
+    changes |= {"ghosts": (LEARNED,), "clyde_speed": _SPEED_MPS, "decide": "tick", "imitation": 0}
     return dataclasses.replace(arguments, start=None, hyper=dataclasses.replace(hyper, **changes))

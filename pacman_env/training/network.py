@@ -156,8 +156,8 @@ def _halves(
     return result.add_(linear(context, layer.weight[:, inputs:], layer.bias)[:, None]).relu_()
 
 
-class Choices(NamedTuple):
-    """Choices in N situations."""
+class PlannerChoices(NamedTuple):
+    """PlannerChoices in N situations."""
 
     situations: PackedSituations
     order: torch.Tensor  # (N, C) numbers of the candidates before they were packed
@@ -168,7 +168,9 @@ class Choices(NamedTuple):
 
 
 @torch.inference_mode()
-def choose(network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None) -> Choices:
+def choose(
+    network: EntityNetwork, observation: Observation, generator: torch.Generator | None = None
+) -> PlannerChoices:
     """Choose a candidate in each of N situations: draw it with ``generator``, or None: take the highest logit."""
     candidates, whole, mask = (torch.from_numpy(observation[name]) for name in OBSERVED)
     situations, order = network.pack(candidates, whole, mask > 0.5)
@@ -180,7 +182,7 @@ def choose(network: EntityNetwork, observation: Observation, generator: torch.Ge
         drawn = log_probs - torch.empty_like(log_probs).exponential_(generator=generator).log()
     slots = drawn.argmax(dim=1, keepdim=True)
     chosen, actions = log_probs.gather(1, slots)[:, 0], order.gather(1, slots)[:, 0].numpy()
-    return Choices(situations, order, slots[:, 0], chosen, values, actions)
+    return PlannerChoices(situations, order, slots[:, 0], chosen, values, actions)
 
 
 def check(numbers: torch.Tensor) -> None:

@@ -78,7 +78,8 @@ def train(
     """
     folder = Run(arguments)
     hyper, first = arguments.hyper, len(folder.segments)
-    model = PPO(hyper, arguments.seed, arguments.device, arguments.threads, **dropped(arguments))
+    common = arguments.seed, arguments.device, arguments.threads, arguments.value_decisions
+    model = PPO(hyper, *common, **dropped(arguments))
     if first > 0:
         restore(folder.checkpoint(first - 1), model.network, model.optimizer)
     elif arguments.start is not None:
@@ -175,12 +176,21 @@ class Rollout(NamedTuple):
 class PPO:
     """A network with its optimizer and training; ``seed`` decides the weights, ``sizes`` go to EntityNetwork."""
 
-    def __init__(self, hyper: Hyperparameters, seed: int, device: str = "cpu", threads: int = 1, **sizes: Any) -> None:
+    def __init__(
+        self,
+        hyper: Hyperparameters,
+        seed: int,
+        device: str = "cpu",
+        threads: int = 1,  # 0: one per core
+        value_decisions: int = 0,  # first decisions, in which only the values are fitted
+        **sizes: Any,
+    ) -> None:
         self.hyper, self.device = hyper, use_device(device)
         torch.manual_seed(seed)
         network = EntityNetwork(len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), **({"width": hyper.width} | sizes))
         self.network = network.to(device)
         self.optimizer = torch.optim.Adam(network.parameters(), hyper.learning_rate[0], eps=1e-5)
+        self.value_decisions = value_decisions
         self.decisions = 0  # decisions that PPO has learned from so far
         self.pool = ThreadPoolExecutor(threads or cores(), "learner")
 
@@ -236,7 +246,7 @@ class PPO:
         learning_rate, ent_coef = (first + (last - first) * progress for first, last in pairs)
         self.optimizer.param_groups[0]["lr"] = learning_rate
         for name, weight in self.network.named_parameters():
-            weight.requires_grad_(self.decisions > hyper.value_decisions or name.startswith("critic"))
+            weight.requires_grad_(self.decisions > self.value_decisions or name.startswith("critic"))
         means = []
         for _ in range(hyper.n_epochs):
             for rows in torch.randperm(len(rollout.returns)).to(self.device).split(hyper.batch_size):

@@ -50,7 +50,6 @@ TINY: dict[str, Any] = {
     "league_every": 0,
     "imitation": 64,
     "teacher_nodes": 3000,
-    "value_decisions": 0,
     "decide": "tick",
 }
 

@@ -119,8 +119,7 @@ def test_rollout_stores_choices_probabilities_and_values_of_network() -> None:
 
 
 def test_value_decisions_change_values_only() -> None:
-    hyper = dataclasses.replace(HYPER, value_decisions=HYPER.rollout)
-    model, parts = PPO(hyper, 5), make_parts(tiny(**SMALL), 0)
+    model, parts = PPO(HYPER, 5, value_decisions=HYPER.rollout), make_parts(tiny(**SMALL), 0)
     changed: list[set[str]] = []
 
     def compare(numbers: dict[str, float], decisions: int) -> None:
