@@ -157,7 +157,7 @@ def _halves(
 
 
 class PlannerChoices(NamedTuple):
-    """PlannerChoices in N situations."""
+    """Choices of a network in N situations."""
 
     situations: PackedSituations
     order: torch.Tensor  # (N, C) numbers of the candidates before they were packed
