@@ -126,12 +126,9 @@ class TorchPlanner(BasePolicy):
         """Return the logits (N, C) of the candidates in N situations, -inf for forbidden candidates."""
         candidates, whole = planner_features(situation, self.robot_speed_mps)
         with torch.inference_mode():
-            packed, order = self.network.pack(*(torch.tensor(a) for a in (candidates, whole, situation.mask)))
-            logits, _ = self.network.judge_packed(packed.of(slice(None)))
-        scores = np.full(situation.mask.shape, -np.inf)
-        ranked = np.where(logits > FORBIDDEN / 10, logits, -np.inf)
-        np.put_along_axis(scores, order[:, : logits.shape[1]].numpy(), ranked, axis=1)
-        return scores
+            logits, _ = self.network(*map(torch.tensor, (candidates, whole, situation.mask)))
+        scores = logits.numpy().astype(np.float64)
+        return np.where(scores > FORBIDDEN / 10, scores, -np.inf)
 
 
 def load_planner(path: Path) -> TorchPlanner:

@@ -53,7 +53,7 @@ def imitate(model: PPO, parts: Sequence[PlannerGames], decisions: int, *, games_
         played = list(model.pool.map(play, parts))
         met += played
         labels = joined(met, model.device)
-        counts = labels.situations.counts
+        counts = labels.situations.mask.sum(dim=1)
         for _ in range(_EPOCHS):
             for rows in torch.randperm(len(counts), generator=generator).to(model.device).split(_BATCH):
                 model.descend(optimizer, partial(loss, model.network, labels, len(rows)), rows, counts)
@@ -94,10 +94,10 @@ def discounted(rewards: torch.Tensor, dones: torch.Tensor, gamma: float) -> tupl
 def loss(network: EntityNetwork, labels: Labels, count: int, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the loss of ``rows`` (M,) of a minibatch of ``count`` situations, and no metrics (0,)."""
     situations, slots = labels.situations.of(rows), labels.slots[rows]
-    logits, values = network.judge_packed(situations)
+    logits, values = network(*situations)
     log_probs = logits.log_softmax(dim=1)
     entropy = -(log_probs.exp() * log_probs).sum()
     value_loss = ((values - labels.returns[rows]).square() * labels.valid[rows]).sum()
-    allowed = slots < situations.counts  # ignore a label that an ablation forbids
+    allowed = slots < situations.mask.sum(dim=1)  # ignore a label that an ablation forbids
     label_log_probs = log_probs.gather(1, torch.where(allowed, slots, 0)[:, None])[:, 0]
     return (0.5 * value_loss - (label_log_probs * allowed).sum() - _ENTROPY * entropy) / count, torch.zeros(0)

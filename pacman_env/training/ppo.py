@@ -50,7 +50,7 @@ from pacman_env.training.network import EntityNetwork, PackedSituations, check, 
 #: Returns, for the rows of a chunk, the chunk's part of the minibatch's loss and metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 Numbers = dict[str, float]  # logged numbers by their names in TensorBoard
-_CHUNK = 512  # situations of a minibatch that go through the network at once
+_CHUNK = 256  # situations of a minibatch that go through the network at once
 _METRICS = ("policy_gradient_loss", "value_loss", "entropy_loss", "approx_kl", "clip_fraction")
 
 
@@ -248,12 +248,13 @@ class PPO:
         for name, weight in self.network.named_parameters():
             weight.requires_grad_(self.decisions > self.value_decisions or name.startswith("critic"))
         means = []
+        counts = rollout.situations.mask.sum(dim=1)
         for _ in range(hyper.n_epochs):
             for rows in torch.randperm(len(rollout.returns)).to(self.device).split(hyper.batch_size):
                 advantages = rollout.advantages[rows]
                 normalized = (rollout.advantages - advantages.mean()) / (advantages.std() + 1e-8)
                 loss = partial(self.loss, rollout, normalized, ent_coef, len(rows))
-                means.append(self.descend(self.optimizer, loss, rows, rollout.situations.counts))
+                means.append(self.descend(self.optimizer, loss, rows, counts))
         metrics = torch.stack(means).mean(dim=0)
         check(metrics)
         explained = 1 - (rollout.returns - rollout.values).var() / rollout.returns.var()
@@ -270,7 +271,7 @@ class PPO:
         ``advantages`` (B,) are normalized.
         """
         clip_range = self.hyper.clip_range
-        logits, values = self.network.judge_packed(rollout.situations.of(rows))
+        logits, values = self.network(*rollout.situations.of(rows))
         log_probs = logits.log_softmax(dim=1)
         entropy = -(log_probs.exp() * log_probs).sum()
         log_ratio = log_probs.gather(1, rollout.slots[rows, None])[:, 0] - rollout.log_probs[rows]

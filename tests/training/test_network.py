@@ -43,7 +43,7 @@ def inputs(seed: int, games: int, count: int, allowed: float = 0.6) -> Inputs:
 def packed(network: EntityNetwork, *batch: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """The network's results by way of packed situations, as training computes them."""
     situations, order = network.pack(*batch)
-    logits, values = network.judge_packed(situations.of(slice(None)))
+    logits, values = network(*situations.of(slice(None)))
     padded = torch.full(order.shape, FORBIDDEN, dtype=logits.dtype)
     return padded.scatter(1, order[:, : logits.shape[1]], logits), values
 

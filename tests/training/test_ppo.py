@@ -109,8 +109,8 @@ def test_rollout_stores_choices_probabilities_and_values_of_network() -> None:
     model, parts = PPO(HYPER, 5), make_parts(tiny(**SMALL), 0)
     start(parts, 3, model.pool)
     rollout, _ = model.collect(parts, (3, 0), NO_BAR)
-    logits, values = model.network.judge_packed(rollout.situations.of(slice(None)))
-    assert (rollout.slots < rollout.situations.counts).all()
+    logits, values = model.network(*rollout.situations.of(slice(None)))
+    assert rollout.situations.mask.gather(1, rollout.slots[:, None]).all()
     assert len(rollout.slots) == HYPER.rollout
     expected = logits.log_softmax(dim=1).gather(1, rollout.slots[:, None])[:, 0]
     torch.testing.assert_close(rollout.log_probs, expected, atol=1e-5, rtol=1e-5)
@@ -185,7 +185,7 @@ def test_choices_are_drawn_with_probabilities_of_network() -> None:
     model.network.judge.weight.data.mul_(100.0)
     choices = choose(model.network, observation, torch.Generator().manual_seed(0))
     with torch.no_grad():
-        logits, _ = model.network.judge_packed(choices.situations.of(slice(0, 1)))
+        logits, _ = model.network(*choices.situations.of(slice(0, 1)))
     odds = np.zeros(observation["action_mask"].shape[1])
     order = choices.order[0, : logits.shape[1]].numpy()
     odds[order] = logits.softmax(dim=1)[0].numpy()
