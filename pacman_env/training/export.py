@@ -103,9 +103,12 @@ def network_of(path: Path) -> EntityNetwork:
         [CANDIDATE_FEATURES.index(name) for name in planner.metadata.dropped_features],
         [CANDIDATE_FEATURES.index(name) for name in planner.metadata.dropped_kinds],
     )
-    tensors = onnx.load(path).graph.initializer
-    with located(f"{path}: no graph that pacman-env export writes", ValueError, (RuntimeError, ValueError)):
-        network.load_state_dict({tensor.name: torch.tensor(onnx.numpy_helper.to_array(tensor)) for tensor in tensors})
+    weights = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in onnx.load(path).graph.initializer}
+    text = f"{path}: no graph that this version's pacman-env export writes"
+    if {name: value.shape for name, value in weights.items()} != {n: v.shape for n, v in network.state_dict().items()}:
+        raise ValueError(f"{text}: its weights have other names or shapes")
+    network.load_state_dict({name: torch.tensor(value) for name, value in weights.items()})
+    with located(text, ValueError, ValueError):
         _compare(network, planner)
     return network
 
