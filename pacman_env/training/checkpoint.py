@@ -96,6 +96,8 @@ def restore(path: Path, network: EntityNetwork, optimizer: torch.optim.Optimizer
 
 def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
+    if not path.is_file():
+        raise ValueError(f"{path}: no such file")
     text = f"{path}: no checkpoint of 'pacman-env train' (a model of Stable-Baselines3: see docs/use_with/sb3.md)"
     with located(text, ValueError, Exception):  # a damaged or foreign file may fail anywhere
         state = _tensors(path, "policy")
