@@ -18,35 +18,38 @@ class ForwardPass:
     """Network in an ONNX file with the content ``model``."""
 
     def __init__(self, model: bytes) -> None:
-        self._weights: list[NDArray[np.float32]] = []  # in the file's order, with columns up to whole blocks
         graph = dict(_fields(model))[7]  # numbers of fields: see onnx.proto
+        named: dict[str, NDArray[np.float32]] = {}  # a row for each input
         for tensor in (_fields(value) for number, value in _fields(graph) if number == 5):
             shape, content = [value for number, value in tensor if number == 1], dict(tensor)
-            if content[2] == 1 and shape:  # float32, and no scalar
-                weight = np.atleast_2d(np.frombuffer(content[9], "<f4").reshape(shape))
-                self._weights.append(np.pad(weight, ((0, 0), (0, -weight.shape[1] % LANES))))
+            named[content[8].decode()] = np.frombuffer(content[9], "<f4").reshape(shape).T
+        own, width = len(named["shown"]), len(named["encode.bias"])
+        first, last = named["encode_candidate.weight"], named["judge_candidate.weight"]
+        named |= {"own": first[:own] * named["shown"][:, None], "whole": first[own:]}
+        named |= {"encoded": last[:width], "pooled": last[width:]}
+        self._weights = {name: _whole_blocks(weight) for name, weight in named.items()}
 
     def run(
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return logits (N, C), -inf outside ``mask`` (N, C), and values (N,); see ``LearnedPlanner.run``."""
-        from_whole, whole_bias, from_own, encode, encode_bias, from_pooled, pooled_bias = self._weights[:7]
-        from_encoded, judge, judge_bias, from_all, all_bias, value, value_bias = self._weights[7:]
-        counts, first = mask.sum(axis=1), np.zeros(mask.size, np.int64)
+        w, counts, first = self._weights, mask.sum(axis=1), np.zeros(mask.size, np.int64)
         game = np.repeat(np.arange(len(mask)), counts)
-        own = np.ascontiguousarray(candidates[mask], np.float32).reshape(len(game), len(from_own))
-        whole = np.ascontiguousarray(whole, np.float32).reshape(len(mask), len(from_whole))
-        context = _layer(whole, from_whole, whole_bias, first, -np.inf)
-        encoded = _layer(_layer(own, from_own, context, game, 0.0), encode, encode_bias, first, 0.0)
-        pooled = np.zeros((len(mask), len(from_pooled)), np.float32)
+        own = np.ascontiguousarray(candidates[mask], np.float32).reshape(len(game), len(w["own"]))
+        whole = np.ascontiguousarray(whole, np.float32).reshape(len(mask), len(w["whole"]))
+        context = _layer(whole, w["whole"], w["encode_candidate.bias"], first, -np.inf)
+        encoded = _layer(own, w["own"], context, game, 0.0)
+        encoded = _layer(encoded, w["encode.weight"], w["encode.bias"], first, 0.0)
+        pooled = np.zeros((len(mask), len(w["pooled"])), np.float32)
         _pool(encoded, game, pooled)
-        pooled[:, : len(encode)] /= np.maximum(counts, 1)[:, None]
-        context = _layer(pooled, from_pooled, pooled_bias, first, -np.inf)
-        judged = _layer(_layer(encoded, from_encoded, context, game, 0.0), judge, judge_bias, first, -np.inf)
+        pooled[:, : len(w["encoded"])] /= np.maximum(counts, 1)[:, None]
+        context = _layer(pooled, w["pooled"], w["judge_candidate.bias"], first, -np.inf)
+        judged = _layer(encoded, w["encoded"], context, game, 0.0)
         logits = np.full(mask.shape, -np.inf)
-        logits[mask] = judged[:, 0]
-        hidden = _layer(np.concatenate([pooled, whole], axis=1), from_all, all_bias, first, 0.0)
-        return logits, _layer(hidden, value, value_bias, first, -np.inf)[:, 0]
+        logits[mask] = _layer(judged, w["judge.weight"], w["judge.bias"], first, -np.inf)[:, 0]
+        hidden = np.concatenate([pooled, whole], axis=1)
+        hidden = _layer(hidden, w["critic.0.weight"], w["critic.0.bias"], first, 0.0)
+        return logits, _layer(hidden, w["critic.2.weight"], w["critic.2.bias"], first, -np.inf)[:, 0]
 
 
 @kernel
@@ -68,6 +71,12 @@ def _pool(encoded, game, out):  # type: ignore[no-untyped-def]
         for j in range(width):
             row[j] += encoded[k, j]
             row[width + j] = max(row[width + j], encoded[k, j])
+
+
+def _whole_blocks(weight: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return a matrix with columns of zeros up to whole blocks; a vector becomes its only row."""
+    matrix = np.ascontiguousarray(np.atleast_2d(weight))
+    return np.pad(matrix, ((0, 0), (0, -matrix.shape[1] % LANES)))
 
 
 def _fields(message: bytes) -> list[tuple[int, Any]]:
