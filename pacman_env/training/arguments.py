@@ -190,7 +190,9 @@ def _default(argv: Sequence[str]) -> Arguments:
     parser.add_argument("--imitation")
     parser.add_argument("--start")
     chosen, _ = parser.parse_known_args(argv)
-    section = ("scratch" if chosen.imitation == "0" and not chosen.start else "quick") if chosen.quick else "headline"
+    section = "fine_tune" if chosen.start else "headline"
+    if chosen.quick:
+        section = "scratch" if chosen.imitation == "0" and not chosen.start else "quick"
     hyper = load_hyperparameters(chosen.config, section)
     if chosen.start:
         hyper = dataclasses.replace(hyper, imitation=0)

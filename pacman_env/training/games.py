@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config, PelletConfig, make_config
+from pacman_env.config import Config, make_config
 from pacman_env.engine.cores import cores
 from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
 from pacman_env.episodes.decisions import allowed
 from pacman_env.game.ghosts import GHOST_NAMES, POLICY, WANDER
-from pacman_env.levels.house_families import WIDE
+from pacman_env.levels.house_families import HOUSES, LONG_HOUSES, WIDE_HOUSES
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner_features
 from pacman_env.observations.situation_writer import situation_of
 from pacman_env.policies.base import Policy
@@ -34,7 +34,7 @@ from pacman_env.training.lineups import LEARNED, SUB_BATCHES, read, sub_batches
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
-_WIDE_EVERY = 4  # every fourth part has wide houses
+_HOUSES = (HOUSES, LONG_HOUSES, HOUSES, WIDE_HOUSES)  # of parts in turn
 _FEWEST_ROUNDS = 6  # a level with fewer rounds is not judged
 VALIDATION_LEVEL = 900_000  # training levels from here on are kept for validation
 #: Ranges of --randomize, around the values of the real trials.
@@ -203,7 +203,7 @@ def make_parts(
     learned: Policy = _CHASE,
     again: Mapping[str, Sequence[int]] = MappingProxyType({}),
 ) -> list[PlannerGames]:
-    """Return the parts of a segment, with their own houses; in every fourth part, houses are twice as wide and sparse.
+    """Return the parts of a segment, with their own houses: a quarter of the parts has wide ones, a quarter long ones.
 
     Each part has one of the hyperparameters' line-ups; ``learned`` moves the ghosts called ``learned``. ``again``
     contains earlier levels by line-up, which replace half of the segment's own levels in houses of usual size.
@@ -214,7 +214,7 @@ def make_parts(
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     if len(hyper.lineups) > 1:
         lineups = sub_batches(hyper.ghosts, hyper.games, hyper.levels)
-        turn = segment  # rotate, so that every line-up gets wide houses
+        turn = segment  # rotate, so that every line-up gets all kinds of houses
     else:
         lineups, turn = [hyper.ghosts[0]] * min(SUB_BATCHES, hyper.games, hyper.levels), 0
     count = len(lineups)
@@ -224,23 +224,23 @@ def make_parts(
     made: list[PlannerGames] = []
     left = {lineup: list(chosen) for lineup, chosen in again.items()}
     for k, lineup in enumerate(lineups):
-        wide = (k + turn) % _WIDE_EVERY == _WIDE_EVERY - 1
+        houses = _HOUSES[(k + turn) % len(_HOUSES)]
         played = list(range(first + levels[k], first + levels[k + 1]))
-        if not wide:
+        if houses == HOUSES:
             own_again = left.get(lineup, [])
             old, left[lineup] = own_again[: len(played) // 2], own_again[len(played) // 2 :]
             played[: len(old)] = old
-        own: dict[str, Any] = {"pellets.spacing_m": WIDE * PelletConfig().spacing_m} if wide else {}
+        own: dict[str, Any] = {"pellets.spacing_m": houses.spacing_m}
         own |= lineup_settings(arguments, lineup, fastest_mps)
         env = PacManBotVecEnv(
             games[k + 1] - games[k],
-            map=f"generated:{'wide:' * wide}{','.join(map(str, played))}",
+            map=f"{houses.name}:{','.join(map(str, played))}",
             preset=arguments.preset,
             ghosts=[copy.deepcopy(learned) if name == LEARNED else name for name in read(lineup).behaviours],
             settings=settings | own,
             num_threads=_threads_of_each(arguments, count),
         )
-        made.append(PlannerGames(env, hyper.reward_scale, lineup, may_repeat=not wide))
+        made.append(PlannerGames(env, hyper.reward_scale, lineup, may_repeat=houses == HOUSES))
     return made
 
 

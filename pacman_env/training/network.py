@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
-from torch.nn.functional import linear
+from torch.nn.functional import linear, pad
 
 from pacman_env.observations.robot_features import Observation
 
@@ -46,9 +46,20 @@ class PackedSituations(NamedTuple):
         most = max(int(self.mask[rows].sum(dim=1).max()), 1)
         return PackedSituations(self.candidates[:, :most][rows], self.whole[rows], self.mask[:, :most][rows])
 
+    def padded(self, count: int) -> PackedSituations:
+        """Return the situations with ``count`` candidates, the last ones forbidden."""
+        more = count - self.mask.shape[1]
+        return PackedSituations(pad(self.candidates, (0, 0, 0, more)), self.whole, pad(self.mask, (0, more)))
+
 
 def joined(parts: Sequence[T], device: str = "cpu") -> T:
-    """Return the rows of all parts, one after the other; a part is a NamedTuple of tensors and of such tuples."""
+    """Return the rows of all parts, one after the other; a part is a NamedTuple of tensors and of such tuples.
+
+    Situations with fewer candidates than others are padded.
+    """
+    if isinstance(parts[0], PackedSituations):
+        most = max(part.mask.shape[1] for part in parts)
+        parts = [part.padded(most) for part in parts]
     columns = zip(*parts, strict=True)
     rows = (torch.cat(one).to(device) if isinstance(one[0], torch.Tensor) else joined(one, device) for one in columns)
     return type(parts[0])(*rows)

@@ -70,7 +70,7 @@ def section(folder: Path, changes: dict[Any, Any] | None = None) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["headline", "quick"])
+@pytest.mark.parametrize("name", ["headline", "fine_tune", "quick"])
 def test_shipped_hyperparameter_sections_load(name: str) -> None:
     hyper = load_hyperparameters(SHIPPED, name)
     assert hyper.segments * hyper.segment == hyper.decisions
@@ -196,10 +196,10 @@ def test_quick_option_uses_its_own_section_and_folder() -> None:
 
 
 def test_start_excludes_imitation() -> None:
-    for options in ([], ["--quick"]):
-        hyper, started = parse(options).hyper, parse([*options, "--start", "mine.onnx"])
-        assert started.hyper == dataclasses.replace(hyper, imitation=0)
-        assert started.start == Path("mine.onnx")
+    quick = dataclasses.replace(load_hyperparameters(SHIPPED, "quick"), imitation=0)
+    for options, hyper in ([], load_hyperparameters(SHIPPED, "fine_tune")), (["--quick"], quick):
+        started = parse([*options, "--start", "mine.onnx"])
+        assert (started.hyper, started.start) == (hyper, Path("mine.onnx"))
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_progress_is_1_at_end_of_cycle(cycles: int) -> None:
     assert all(0.0 < hyper.progress(n) <= 1.0 for n in range(hyper.rollout, hyper.decisions + 1, hyper.rollout))
 
 
-@pytest.mark.parametrize("name", ["headline", "quick", "scratch"])
+@pytest.mark.parametrize("name", ["headline", "fine_tune", "quick", "scratch"])
 def test_progress_of_shipped_sections_equals_share_of_decisions(name: str) -> None:
     """To the bit: their planners are trained again from it."""
     hyper = load_hyperparameters(SHIPPED, name)

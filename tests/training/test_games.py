@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 pytest.importorskip("sb3_contrib")
 
 from pacman_env.heuristics.simple import Nearest
-from pacman_env.levels.house_families import WIDE_HOUSES
+from pacman_env.levels.house_families import HOUSES, LONG_HOUSES, WIDE_HOUSES
 from pacman_env.levels.level_source import TEST_LEVEL, ListedMaps
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES
 from pacman_env.sb3 import PacManBotVecEnv
@@ -122,17 +122,20 @@ def test_each_part_has_own_policy_for_learned_ghost() -> None:
 
 def test_repeated_levels_replace_at_most_half_of_levels() -> None:
     arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)  # four parts of four levels
-    parts = parts_of(arguments, 3, again={"chase": [7, 5, 3], "wander": [1]})
-    found: dict[str, list[list[int]]] = {}
-    for part in parts:
-        source = part.env.batch.source
-        assert isinstance(source, ListedMaps)
-        found.setdefault(ghosts_of(part) + " wide" * (source.family is WIDE_HOUSES), []).append(source.levels.tolist())
-    own = list(range(48, 64))
-    played = [level for lists in found.values() for one in lists for level in one]
-    assert set(played) - set(own) in ({1, 3, 5, 7}, {1, 5, 7})  # one of chase's two parts may be in wide houses
-    assert all(set(level) <= set(own) for name, lists in found.items() if "wide" in name for level in lists)
-    assert len(played) == 16
+    again: dict[str, list[int]] = {"chase": [7, 5, 3], "wander": [1]}
+    met: set[int] = set()
+    for segment in (3, 4):
+        own, played = set(range(16 * segment, 16 * segment + 16)), 0
+        for part in parts_of(arguments, segment, again=again):
+            source = part.env.batch.source
+            assert isinstance(source, ListedMaps)
+            old = set(source.levels.tolist()) - own
+            assert old <= set(again[ghosts_of(part)])
+            assert len(old) <= (2 if source.family is HOUSES else 0)  # not in wide or long houses
+            met |= old
+            played += len(source.levels)
+        assert played == 16
+    assert met == {1, 3, 5, 7}
 
 
 def test_randomize_option_draws_aborts_and_localization_noise() -> None:
@@ -158,27 +161,31 @@ def test_ablations_drop_existing_and_different_columns() -> None:
 
 
 TWO = {"ghosts": ["chase", "wander,wander"], "games": 8, "levels": 8}
-#: Arguments, a segment, the line-up of each part, and which part is in wide houses.
-PARTS: list[tuple[dict[str, Any], int, list[str], int | None]] = [
-    ({"games": 8, "n_steps": 8, "levels": 9}, 0, ["wander"] * 4, 3),
-    ({"levels": 4}, 1, ["wander"] * 4, 3),
-    ({"ghosts": ["wander"] * 3, "levels": 4}, 0, ["wander"] * 4, 3),
-    ({"games": 2, "n_steps": 16, "levels": 9}, 0, ["wander"] * 2, None),
-    ({"levels": 1}, 0, ["wander"], None),
-    ({"ghosts": ["chase", *["wander"] * 3], "levels": 4}, 0, ["wander", "chase", "wander", "wander"], 3),
-    *((TWO, segment, ["wander,wander", "chase"] * 2, 3 - segment) for segment in range(4)),
+#: Arguments, a segment, the line-up of each part, and the place of the first part in the order of houses.
+PARTS: list[tuple[dict[str, Any], int, list[str], int]] = [
+    ({"games": 8, "n_steps": 8, "levels": 9}, 0, ["wander"] * 4, 0),
+    ({"levels": 4}, 1, ["wander"] * 4, 0),
+    ({"ghosts": ["wander"] * 3, "levels": 4}, 0, ["wander"] * 4, 0),
+    ({"games": 2, "n_steps": 16, "levels": 9}, 0, ["wander"] * 2, 0),
+    ({"levels": 1}, 0, ["wander"], 0),
+    ({"ghosts": ["chase", *["wander"] * 3], "levels": 4}, 0, ["wander", "chase", "wander", "wander"], 0),
+    *((TWO, segment, ["wander,wander", "chase"] * 2, segment) for segment in range(4)),
 ]
 
 
-@pytest.mark.parametrize(("changes", "segment", "lineups", "wide"), PARTS)
-def test_parts_share_games_and_one_is_in_wide_houses(
-    changes: dict[str, Any], segment: int, lineups: list[str], wide: int | None
+@pytest.mark.parametrize(("changes", "segment", "lineups", "first"), PARTS)
+def test_parts_share_games_and_kinds_of_houses(
+    changes: dict[str, Any], segment: int, lineups: list[str], first: int
 ) -> None:
     arguments = tiny(**changes)
     parts = parts_of(arguments, segment)
     assert [ghosts_of(part) for part in parts] == lineups
     assert {part.num_envs for part in parts} == {arguments.hyper.games // len(lineups)}
-    assert [part.env.config.pellets.spacing_m == 4.0 for part in parts] == [k == wide for k in range(len(lineups))]
+    families = [HOUSES, LONG_HOUSES, HOUSES, WIDE_HOUSES] * 2
+    for part, family in zip(parts, families[first:], strict=False):
+        assert isinstance(part.env.batch.source, ListedMaps)
+        assert part.env.batch.source.family is family
+        assert part.env.config.pellets.spacing_m == family.spacing_m
 
 
 def ghosts_of(part: PacManBotVecEnv) -> str:

@@ -13,7 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pacman_env.training.network import FORBIDDEN, EntityNetwork
+from pacman_env.training.network import FORBIDDEN, EntityNetwork, joined
 from tests.training.planners import random_network
 
 torch.set_num_threads(1)  # products as small as these wait for threads longer than they compute
@@ -103,6 +103,18 @@ def test_packed_network_equals_its_definition_and_gradient(variant: dict[str, An
     close(expected[1], found[1])
     for one, other in zip(*gradients, strict=True):
         torch.testing.assert_close(one, other, atol=1e-3, rtol=1e-4)
+
+
+def test_joined_situations_are_judged_as_their_parts() -> None:
+    """Of parts with different numbers of candidates."""
+    network = NETWORKS[0]
+    parts = [network.pack(*inputs(seed, 5, count))[0] for seed, count in ((1, 4), (2, 9))]
+    logits, values = network(*joined(parts))
+    for part, first in zip(parts, (0, 5), strict=True):
+        expected, rows = network(*part), slice(first, first + 5)
+        close(logits[rows, : part.mask.shape[1]], expected[0])
+        close(values[rows], expected[1])
+        assert (logits[rows, part.mask.shape[1] :] == FORBIDDEN).all()
 
 
 def test_every_weight_gets_gradient() -> None:
