@@ -134,10 +134,14 @@ def train_segment(
         "decisions_per_s": round(speed),
     }
     folder.write(model.network, model.optimizer, result)
-    names = {f"validation/completed_{lineup.replace(',', '_')}": part for lineup, part in each.items()}
-    _log(writer, {"validation/completed": share, **(names if len(each) > 1 else {})}, model.decisions)
-    shown = f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})" if len(each) > 1 else ""
-    bar.write(f"{model.decisions} decisions: {share:.1%} of validation rounds completed{shown} ({speed:.0f}/s)")
+    told = f"{model.decisions} decisions, {speed:.0f}/s"
+    if len(completed) > 0:
+        each = each if len(each) > 1 else {}
+        names = {f"validation/completed_{lineup.replace(',', '_')}": part for lineup, part in each.items()}
+        _log(writer, {"validation/completed": share, **names}, model.decisions)
+        told += f": {share:.1%} of validation rounds completed"
+        told += f" ({'; '.join(f'{lineup} {part:.1%}' for lineup, part in each.items())})" if each else ""
+    bar.write(told)
 
 
 def _log(writer: SummaryWriter, numbers: Numbers, decisions: int) -> None:
