@@ -307,6 +307,7 @@ class PPO:
             weight.grad = torch.stack(parts).sum(dim=0)
         torch.nn.utils.clip_grad_norm_(weights, self.hyper.max_grad_norm)
         optimizer.step()
+        optimizer.zero_grad()  # with old gradients, the next optimizer would move frozen weights
         return torch.stack(metrics).sum(dim=0)
 
 

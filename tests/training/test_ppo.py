@@ -24,6 +24,7 @@ from pacman_env.policies.opponents import BehaviourOpponent, Opponents
 from pacman_env.sb3 import PacManBotVecEnv
 from pacman_env.training import ppo
 from pacman_env.training.games import Games, make_ghost_parts, make_parts, start
+from pacman_env.training.labels import imitate
 from pacman_env.training.network import choose
 from pacman_env.training.ppo import PPO, Rollout, advantages
 from tests.training.planners import random_planner
@@ -118,8 +119,12 @@ def test_rollout_stores_choices_probabilities_and_values_of_network() -> None:
     torch.testing.assert_close(rollout.returns, rollout.advantages + values, atol=1e-5, rtol=1e-5)
 
 
-def test_value_decisions_change_values_only() -> None:
+@pytest.mark.parametrize("imitation", [0, 64])
+def test_value_decisions_change_values_only(imitation: int) -> None:
+    """Also after an imitation, which moves all weights."""
     model, parts = PPO(HYPER, 5, value_decisions=HYPER.rollout), make_parts(tiny(**SMALL), 0)
+    if imitation:
+        imitate(model, parts, imitation, games_seed=0, seed=0)
     changed: list[set[str]] = []
 
     def compare(numbers: dict[str, float], decisions: int) -> None:
