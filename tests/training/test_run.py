@@ -207,6 +207,16 @@ def test_start_begins_from_planner_and_is_recorded(tmp_path: Path) -> None:
     assert len(train(again(arguments))[0].segments) == 2
 
 
+def test_planner_to_start_from_may_disappear_later(tmp_path: Path) -> None:
+    planner = random_planner(tmp_path, width=8)
+    arguments = tiny(tmp_path / "run", start=planner, imitation=0)
+    folder, _ = train(arguments, lambda record: planner.unlink(missing_ok=True))
+    assert len(folder.segments) == 2
+    with pytest.raises(OSError, match="mine"):
+        Run(dataclasses.replace(arguments, out=tmp_path / "other"))
+    assert not (tmp_path / "other").exists()
+
+
 def test_learning_rate_falls_over_whole_run(whole: Arguments, begun: Arguments) -> None:
     first, last = whole.hyper.learning_rate
     assert weights(begun.out / "last.zip")["rate"] == pytest.approx(first + (last - first) / 3)
