@@ -33,7 +33,7 @@ class ForwardPass:
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return logits (N, C), -inf outside ``mask`` (N, C), and values (N,); see ``LearnedPlanner.run``."""
-        w, counts, first = self._weights, mask.sum(axis=1), np.zeros(mask.size, np.int64)
+        w, counts, first = self._weights, mask.sum(axis=1), np.zeros(mask.size + len(mask), np.int64)
         game = np.repeat(np.arange(len(mask)), counts)
         own = np.ascontiguousarray(candidates[mask], np.float32).reshape(len(game), len(w["own"]))
         whole = np.ascontiguousarray(whole, np.float32).reshape(len(mask), len(w["whole"]))

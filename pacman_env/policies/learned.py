@@ -42,16 +42,24 @@ class LearnedPlanner(BasePolicy):
         self.name = self.path.stem
         self.metadata, self._model = read_planner(self.path)
         self._threads = threads
+        self._is_compiled = self.path == PRETRAINED and not self.metadata.dropped_kinds
         self._columns = _columns(self.metadata.candidate_features, CANDIDATE_FEATURES)
         self._whole_columns = _columns(self.metadata.global_features, GLOBAL_FEATURES)
-        self._session = _session(self.path, self.metadata, self._model, self._threads)
+        self._open()
+
+    def _open(self) -> None:
+        if self._is_compiled:
+            self._session: Any = ForwardPass(self._model)
+        else:
+            self._session = _session(self.path, self.metadata, self._model, self._threads)
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_session": None}  # a copy creates its own session
 
     def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the planner, which may lie in another folder on this machine."""
         self.__dict__.update(state)
-        self._session = _session(self.path, self.metadata, self._model, self._threads)
+        self._open()
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return logits (N, C), -inf for forbidden candidates; raises ValueError if the situation has no maps."""
@@ -81,7 +89,7 @@ class LearnedPlanner(BasePolicy):
         """
         try:
             own, context = candidates[..., self._columns], whole[:, self._whole_columns]
-            if isinstance(self._session, ForwardPass):
+            if self._is_compiled:
                 return self._session.run(own, context, mask)
             inputs = {"candidates": own, "globals": context, "mask": mask}
             logits, values = self._session.run(list(_OUTPUTS), inputs)
@@ -101,7 +109,7 @@ class LearnedPlanner(BasePolicy):
         if situation.maps is None:
             raise ValueError(f"policy {self.name!r}: the situation has no maps to look ahead on")
         candidates, whole = planner_features(situation, self.metadata.robot_speed_mps)
-        if isinstance(self._session, ForwardPass):
+        if self._is_compiled:
             return *self.run(candidates, whole, situation.mask), candidates
         logits = np.full(situation.mask.shape, -np.inf)
         values = np.full(len(logits), np.nan)
@@ -120,9 +128,7 @@ def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
 
 
 def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) -> Any:
-    """Return a compiled forward pass of the built-in planner, or an onnxruntime session that was tested once."""
-    if path == PRETRAINED and not metadata.dropped_kinds:
-        return ForwardPass(model)
+    """Create an onnxruntime session of a model with the inputs that its metadata names, and test it once."""
     try:
         import onnxruntime
     except ModuleNotFoundError:

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pacman_env.observations.planner_features import planner_features
+from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from pacman_env.policies import learned
 from pacman_env.policies.forward_pass import ForwardPass
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 from tests.policies.contract import random_situation
@@ -29,6 +30,16 @@ def test_forward_pass_judges_as_onnxruntime_does(tmp_path: Path) -> None:
 
 
 def test_built_in_planner_needs_no_onnxruntime(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor does a pickle of it on a machine where the package lies elsewhere."""
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     situation, planner = random_situation(1, 5), LearnedPlanner()
+    monkeypatch.setattr(learned, "PRETRAINED", Path("elsewhere") / "ppo.onnx")
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(planner)).scores(situation), planner.scores(situation))
+
+
+@pytest.mark.parametrize(("games", "count"), [(0, 3), (4, 0)])
+def test_forward_pass_takes_no_games_or_candidates(games: int, count: int) -> None:
+    candidates = np.zeros((games, count, len(CANDIDATE_FEATURES)), np.float32)
+    whole = np.zeros((games, len(GLOBAL_FEATURES)), np.float32)
+    logits, values = LearnedPlanner().run(candidates, whole, np.zeros((games, count), np.bool_))
+    assert (logits.shape, len(set(values.tolist()))) == ((games, count), min(games, 1))
