@@ -16,7 +16,7 @@ from .occupancy import OccupancyMap
 # Bounds of |x| and |y| on all maps, because home, the origin, lies inside.
 MAX_EXTENT_M, MAX_LONG_EXTENT_M = MAX_PIXELS * RESOLUTION_M, MAX_LONG_PIXELS * RESOLUTION_M
 
-_SEED, _LONG_SEED = 20250, 20252
+_SEED, LONG_SEED = 20250, 20252
 _LayOut = Callable[[Dice, int, float, float, float], tuple[Floor, list[Wall]]]  # arguments of :func:`lay_out`
 _WALL_M = (0.10, 0.15)
 _DOOR_M, _OPENING_M = 1.05, (1.5, 2.6)
@@ -93,7 +93,7 @@ def draw_house(level: int, attempt: int = 0) -> OccupancyMap:
 
 def draw_long_house(level: int, attempt: int = 0) -> OccupancyMap:
     """Return the map "generated-long-<level>" of a building with corridors of 8 to 20 m, as :func:`draw_house`."""
-    house = House(level, attempt, _LONG_SEED, lay_out_long)
+    house = House(level, attempt, LONG_SEED, lay_out_long)
     return survey(f"generated-long-{level}", house.shapes, house.turn, house.dice.draw, MAX_LONG_PIXELS)
 
 

@@ -65,7 +65,7 @@ def test_long_houses_have_the_recorded_bits() -> None:
 
 def test_long_houses_have_corridors_of_8_to_20_m() -> None:
     for level in range(20):
-        floor = House(level, 0, plan=lay_out_long).floor
+        floor = House(level, 0, houses.LONG_SEED, lay_out_long).floor
         corridors = [floor.rooms[k] for k in floor.halls if floor.roles[k] == "corridor"]
         assert 8.0 <= max(max(x1 - x0, y1 - y0) for x0, y0, x1, y1 in corridors) <= 20.0
 
