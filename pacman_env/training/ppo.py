@@ -114,7 +114,8 @@ def train_segment(
         result["agreement"] = imitate(model, parts, hyper.imitation, games_seed=seeds[1], seed=seeds[2])
         result["imitated"] = validation.shares(validation.completed(planner_of(arguments, model), pool))[0]
         rules = " and ".join(dict.fromkeys(make_teacher(one, hyper.teacher_nodes).name for one in hyper.lineups))
-        bar.write(f"{rules} imitated: {result['imitated']:.1%} of validation rounds completed")
+        told = f": {result['imitated']:.1%} of validation rounds completed" if arguments.evaluation else ""
+        bar.write(f"{rules} imitated{told}")
     model.decisions = segment * hyper.segment
     learning = time.perf_counter()
     endings = model.learn(parts, hyper.segment, seeds[1], bar, partial(_log, writer))
