@@ -169,9 +169,10 @@ class Run:
                     raise ValueError(f"segment {number} of another version, without {missing[0]!r}")
         ours = dict(self._plain)
         for name, value in {**ours.pop("hyper"), **ours}.items():
-            other = theirs.get(name)
-            if other != value:
-                raise ValueError(f"{self.record}: was started with {name} = {other}, not {value}")
+            if name not in theirs:
+                raise ValueError(f"{self.record}: no run to resume: of another version, without {name!r}")
+            if theirs[name] != value:
+                raise ValueError(f"{self.record}: was started with {name} = {theirs[name]}, not {value}")
 
     def against_league(self) -> dict[str, tuple[int, int]]:
         """Return the league's record in the last segment."""

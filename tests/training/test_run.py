@@ -188,6 +188,10 @@ def test_record_of_another_version_names_missing_field(broken: Arguments) -> Non
         message = f"no run to resume: segment 0 of another version, without '{field}'"
         with pytest.raises(ValueError, match=rf"run\.json: {message}"):
             train(broken)
+    del content["arguments"]["value_decisions"]
+    (broken.out / "run.json").write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="of another version, without 'value_decisions'"):
+        train(broken)
 
 
 def test_start_begins_from_planner_and_is_recorded(tmp_path: Path) -> None:
