@@ -57,10 +57,11 @@ def joined(parts: Sequence[T], device: str = "cpu") -> T:
 
     Situations with fewer candidates than others are padded.
     """
+    own: Sequence[Any] = parts
     if isinstance(parts[0], PackedSituations):
-        most = max(part.mask.shape[1] for part in parts)
-        parts = [part.padded(most) for part in parts]
-    columns = zip(*parts, strict=True)
+        most = max(part.mask.shape[1] for part in own)
+        own = [part.padded(most) for part in own]
+    columns = zip(*own, strict=True)
     rows = (torch.cat(one).to(device) if isinstance(one[0], torch.Tensor) else joined(one, device) for one in columns)
     return type(parts[0])(*rows)
 
