@@ -17,6 +17,7 @@ import onnx
 import torch
 
 from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from pacman_env.policies.forward_pass import ForwardPass
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import metadata_path, read_planner
 from pacman_env.training.checkpoint import save_checkpoint
@@ -135,6 +136,20 @@ def test_network_is_restored_from_its_file(sizes: dict[str, int], tmp_path: Path
     found = network_of(path)
     assert model_bytes(found) == path.read_bytes() == model_bytes(network)
     assert found.dropped_kinds == network.dropped_kinds
+
+
+@pytest.mark.parametrize("sizes", [{"width": 24}, {"dropped_features": (4, 7)}])
+def test_compiled_forward_pass_runs_exported_file(sizes: dict[str, Any], tmp_path: Path) -> None:
+    """Also of widths that are no multiple of its blocks."""
+    rng = np.random.default_rng(0)
+    candidates = rng.uniform(-1, 1, (20, 13, SIZES[0])).astype(np.float32)
+    whole, mask = rng.uniform(-1, 1, (20, SIZES[1])).astype(np.float32), rng.random((20, 13)) < 0.5
+    path = random_planner(tmp_path, **sizes)
+    (logits, values), expected = (
+        judge.run(candidates, whole, mask) for judge in (ForwardPass(path.read_bytes()), LearnedPlanner(path))
+    )
+    np.testing.assert_allclose(logits[mask], expected[0][mask], atol=1e-5)
+    np.testing.assert_allclose(values, expected[1], atol=1e-5)
 
 
 def rename(model: onnx.ModelProto) -> None:
