@@ -219,7 +219,7 @@ def make_parts(
         lineups, turn = [hyper.ghosts[0]] * min(SUB_BATCHES, hyper.games, hyper.levels), 0
     count = len(lineups)
     levels, games = (np.linspace(0, total, count + 1).astype(int).tolist() for total in (hyper.levels, hyper.games))
-    fastest_mps = clyde_limit(arguments, segment)
+    fastest_mps, spacing_m = clyde_limit(arguments, segment), game_config(arguments).pellets.spacing_m
     settings = game_settings(arguments) | {"execution.rules": arguments.execution, "observation.infos": "ends"}
     made: list[PlannerGames] = []
     left = {lineup: list(chosen) for lineup, chosen in again.items()}
@@ -230,7 +230,7 @@ def make_parts(
             own_again = left.get(lineup, [])
             old, left[lineup] = own_again[: len(played) // 2], own_again[len(played) // 2 :]
             played[: len(old)] = old
-        own: dict[str, Any] = {"pellets.spacing_m": houses.spacing_m}
+        own: dict[str, Any] = {"pellets.spacing_m": spacing_m * houses.spacing_m / HOUSES.spacing_m}
         own |= lineup_settings(arguments, lineup, fastest_mps)
         env = PacManBotVecEnv(
             games[k + 1] - games[k],

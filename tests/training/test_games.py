@@ -188,6 +188,15 @@ def test_parts_share_games_and_kinds_of_houses(
         assert part.env.config.pellets.spacing_m == family.spacing_m
 
 
+SPARSE = {"pellets.spacing_m": 2.5}
+
+
+def test_parts_keep_spacing_of_preset() -> None:
+    """Twice as wide in wide houses."""
+    parts = parts_of(tiny(games=4, levels=4, preset=f"{__name__}:SPARSE"))
+    assert [part.env.config.pellets.spacing_m for part in parts] == [2.5, 2.5, 2.5, 5.0]
+
+
 def ghosts_of(part: PacManBotVecEnv) -> str:
     return ",".join(part.env.config.clyde.ghosts)
 
