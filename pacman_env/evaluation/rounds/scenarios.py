@@ -143,7 +143,7 @@ def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     if not any(isinstance(scenario, Levels) for scenario in wanted):
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):
             if value is not None:
-                raise ValueError(f"{option}: is for --map generated or generated:test")
+                raise ValueError(f"{option}: is for --map generated, generated:{' or generated:'.join(_SPLITS)}")
     return wanted
 
 
