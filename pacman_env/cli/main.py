@@ -17,7 +17,7 @@ from pacman_env.cli.ros_group import add_ros_group, what_ros_needs
 from pacman_env.cli.warm_up import add_warm_up
 from pacman_env.command_line.command import ERROR_STATUS, Parser, finite_number, guarded, whole_number
 from pacman_env.command_line.examples import first_steps
-from pacman_env.command_line.game_options import SIMULATED_MAP, add_game_option
+from pacman_env.command_line.game_options import add_game_option
 
 #: Module in this package and purpose, by command.
 MODULES = {
@@ -119,7 +119,7 @@ def _add_web(commands: Any) -> None:
     add("--viewers", type=whole_number(1, 1000), default=100, help="maximum number of viewers (%(default)s)")
     add("--open", action="store_true", help="open the page in a browser on this machine")
     simulated = web.add_argument_group("simulated game")
-    add_game_option(simulated, "--map", help=SIMULATED_MAP)
+    add_game_option(simulated, "--map", help="map: a name, a file or its folder, or generated (a new house each round)")
     for option in ("--preset", "--policy", "--ghosts", "--set"):
         add_game_option(simulated, option)
     first = "seed of the first round; later rounds derive from it (random)"
