@@ -214,7 +214,7 @@ def make_parts(
     first = segment % (VALIDATION_LEVEL // hyper.levels) * hyper.levels
     if len(hyper.lineups) > 1:
         lineups = sub_batches(hyper.ghosts, hyper.games, hyper.levels)
-        turn = segment  # rotate, so that every line-up gets all kinds of houses
+        turn = segment // 2  # every line-up gets all kinds of houses, twice in a row so that levels repeat
     else:
         lineups, turn = [hyper.ghosts[0]] * min(SUB_BATCHES, hyper.games, hyper.levels), 0
     count = len(lineups)

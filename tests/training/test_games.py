@@ -138,6 +138,12 @@ def test_repeated_levels_replace_at_most_half_of_levels() -> None:
     assert met == {1, 3, 5, 7}
 
 
+def test_every_lineup_meets_usual_houses_twice_in_a_row() -> None:
+    arguments = tiny(ghosts=["wander", "chase"], games=8, levels=16)
+    segments = [{part.lineup for part in make_parts(arguments, k) if part.may_repeat} for k in range(4)]
+    assert set().union(*(one & following for one, following in itertools.pairwise(segments))) == {"wander", "chase"}
+
+
 def test_randomize_option_draws_aborts_and_localization_noise() -> None:
     plain, drawn = game_config(tiny()).randomize, game_config(tiny(randomize=True)).randomize
     assert plain.abort_rate is None
@@ -169,7 +175,7 @@ PARTS: list[tuple[dict[str, Any], int, list[str], int]] = [
     ({"games": 2, "n_steps": 16, "levels": 9}, 0, ["wander"] * 2, 0),
     ({"levels": 1}, 0, ["wander"], 0),
     ({"ghosts": ["chase", *["wander"] * 3], "levels": 4}, 0, ["wander", "chase", "wander", "wander"], 0),
-    *((TWO, segment, ["wander,wander", "chase"] * 2, segment) for segment in range(4)),
+    *((TWO, segment, ["wander,wander", "chase"] * 2, segment // 2) for segment in range(0, 8, 2)),
 ]
 
 
