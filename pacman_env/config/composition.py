@@ -50,7 +50,7 @@ class Config(sections.Groups):
     num_levels: Count | None = setting(
         None,
         "Number of generated houses to play; 0: the whole split. None: the prepared set of 1,000 training or 200 test "
-        "houses, or with start_level all houses from there on.",
+        "houses (200 or 100 with long corridors), or with start_level all houses from there on.",
     )
     home: tuple[Number, Number, Number] | None = setting(
         None,
