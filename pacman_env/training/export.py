@@ -106,7 +106,7 @@ def network_of(path: Path) -> EntityNetwork:
     weights = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in onnx.load(path).graph.initializer}
     text = f"{path}: no graph that this version's pacman-env export writes"
     if {name: value.shape for name, value in weights.items()} != {n: v.shape for n, v in network.state_dict().items()}:
-        raise ValueError(f"{text}: its weights have other names or shapes")
+        raise ValueError(f"{text}: its weights have other names or shapes; export its checkpoint")
     network.load_state_dict({name: torch.tensor(value) for name, value in weights.items()})
     with located(text, ValueError, ValueError):
         _compare(network, planner)
@@ -122,7 +122,7 @@ def start_from(path: Path, network: EntityNetwork) -> None:
     if planner.width != network.width:
         raise ValueError(f"width = {network.width}: {path} has {planner.width}")
     if planner.dropped_kinds != network.dropped_kinds or not torch.equal(planner.shown, network.shown.cpu()):
-        raise ValueError(f"without: {path} was trained with other ablations")
+        raise ValueError(f"without: {path} was trained with other ablations, give those")
     network.load_state_dict(planner.state_dict())
 
 

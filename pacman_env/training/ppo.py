@@ -76,10 +76,10 @@ def train(
 
     ``after_segment`` is called with the record of each segment, earlier ones included; its exceptions end the training.
     """
+    hyper, sizes = arguments.hyper, dropped(arguments)
+    model = PPO(hyper, arguments.seed, arguments.device, arguments.threads, arguments.value_decisions, **sizes)
     folder = Run(arguments)
-    hyper, first = arguments.hyper, len(folder.segments)
-    common = arguments.seed, arguments.device, arguments.threads, arguments.value_decisions
-    model = PPO(hyper, *common, **dropped(arguments))
+    first = len(folder.segments)
     if first > 0:
         restore(folder.checkpoint(first - 1), model.network, model.optimizer)
     elif arguments.start is not None:
