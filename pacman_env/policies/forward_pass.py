@@ -64,7 +64,8 @@ class ForwardPass:
         logits = np.full(mask.shape, -np.inf)
         counts, whole = mask.sum(axis=1), np.ascontiguousarray(whole, np.float32)
         game = np.repeat(np.arange(len(mask)), counts)
-        judged, values = _judge(self._network, candidates[mask], whole, game, counts)
+        own = np.ascontiguousarray(candidates[mask], np.float32)
+        judged, values = _judge(self._network, own, whole, game, counts)
         logits[mask] = judged[:, 0]
         return logits, values[:, 0]
 
