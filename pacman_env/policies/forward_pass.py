@@ -60,12 +60,17 @@ class ForwardPass:
     def run(
         self, candidates: NDArray[np.float32], whole: NDArray[np.float32], mask: NDArray[np.bool_]
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return logits (N, C), -inf outside ``mask`` (N, C), and values (N,); see ``LearnedPlanner.run``."""
+        """Return logits (N, C), -inf outside ``mask`` (N, C), and values (N,); see ``LearnedPlanner.run``.
+
+        Raises ValueError for inputs of another width.
+        """
         logits = np.full(mask.shape, -np.inf)
-        counts, whole = mask.sum(axis=1), np.ascontiguousarray(whole, np.float32)
+        network, counts = self._network, mask.sum(axis=1)
         game = np.repeat(np.arange(len(mask)), counts)
-        own = np.ascontiguousarray(candidates[mask], np.float32)
-        judged, values = _judge(self._network, own, whole, game, counts)
+        # Kernels do not check bounds, so inputs of other widths fail here.
+        own = np.ascontiguousarray(candidates[mask], np.float32).reshape(len(game), len(network.own))
+        whole = np.ascontiguousarray(whole, np.float32).reshape(len(mask), len(network.whole.weight))
+        judged, values = _judge(network, own, whole, game, counts)
         logits[mask] = judged[:, 0]
         return logits, values[:, 0]
 
