@@ -172,10 +172,12 @@ def multiply_block(context, builder, signature, arrays, least, row, column):  # 
     )
 
     def at(matrix, row, column, kind=vector):  # type: ignore[no-untyped-def]
+        """Return a pointer to the numbers of a row from a column on: one number, or ``LANES``."""
         index = builder.add(builder.mul(row, builder.extract_value(matrix.shape, 1)), column)
         return builder.bitcast(builder.gep(matrix.data, [index]), kind.as_pointer())
 
     def repeated(value):  # type: ignore[no-untyped-def]
+        """Return a vector of ``LANES`` copies of a number."""
         one = builder.insert_element(vector(ir.Undefined), value, WORD(0))
         return builder.shuffle_vector(one, one, ir.VectorType(_HALF, LANES)(None))
 
