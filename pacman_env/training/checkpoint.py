@@ -146,7 +146,7 @@ class Run:
 
     def __init__(self, arguments: Arguments) -> None:
         self.arguments, self.folder = arguments, arguments.out
-        self._plain = _plain(arguments)  # read once: the planner to start from may disappear later
+        self._written = _plain(arguments)  # read once: the planner to start from may disappear later
         self.segments: list[dict[str, Any]] = []
         self.record = self.folder / "run.json"
         self.best, self.last = self.folder / "best.zip", self.folder / "last.zip"
@@ -167,7 +167,7 @@ class Run:
                 float(segment["completed"])
                 if missing := [name for name in _NEEDED if name not in segment]:
                     raise ValueError(f"segment {number} of another version, without {missing[0]!r}")
-        ours = dict(self._plain)
+        ours = dict(self._written)
         for name, value in {**ours.pop("hyper"), **ours}.items():
             if name not in theirs:
                 raise ValueError(f"{self.record}: no run to resume: of another version, without {name!r}")
@@ -192,7 +192,7 @@ class Run:
         for path in (self.checkpoint(segment), self.last, *([self.best] if result["completed"] >= best else [])):
             save_checkpoint(path, network, optimizer)
             write_facts(facts_path(path), facts)
-        content = {"version": __version__, "arguments": self._plain, "segments": self.segments}
+        content = {"version": __version__, "arguments": self._written, "segments": self.segments}
         write_json(self.record, content)
         for path in (self.checkpoint(segment - 1), facts_path(self.checkpoint(segment - 1))):
             path.unlink(missing_ok=True)

@@ -34,7 +34,7 @@ from pacman_env.training.lineups import LEARNED, SUB_BATCHES, read, sub_batches
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")
-_HOUSES = (HOUSES, LONG_HOUSES, HOUSES, WIDE_HOUSES)  # of parts in turn
+_HOUSES = (HOUSES, LONG_HOUSES, LONG_HOUSES, WIDE_HOUSES)  # of parts in turn
 _FEWEST_ROUNDS = 6  # a level with fewer rounds is not judged
 VALIDATION_LEVEL = 900_000  # training levels from here on are kept for validation
 #: Ranges of --randomize, around the values of the real trials.
@@ -203,7 +203,7 @@ def make_parts(
     learned: Policy = _CHASE,
     again: Mapping[str, Sequence[int]] = MappingProxyType({}),
 ) -> list[PlannerGames]:
-    """Return the parts of a segment, with their own houses: a quarter of the parts has wide ones, a quarter long ones.
+    """Return the parts of a segment, with their own houses: half of the parts have long ones, a quarter wide ones.
 
     Each part has one of the hyperparameters' line-ups; ``learned`` moves the ghosts called ``learned``. ``again``
     contains earlier levels by line-up, which replace half of the segment's own levels in houses of usual size.

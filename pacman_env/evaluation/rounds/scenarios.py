@@ -25,7 +25,7 @@ from pacman_env.files import displayable, install_command
 from pacman_env.levels.assets import MapAssets, map_assets
 from pacman_env.levels.house_families import HouseFamily
 from pacman_env.levels.level import Level
-from pacman_env.levels.level_source import TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
+from pacman_env.levels.level_source import SPLITS, TEST_LEVEL, FixedMap, GeneratedMaps, LevelSource, prepare_level
 from pacman_env.levels.round_time import time_warning
 from pacman_env.policies.base import Policy
 from pacman_env.policies.registry import make_policy, policy_names, split_ghosts
@@ -33,7 +33,6 @@ from pacman_env.world.maps.occupancy import OccupancyMap
 
 T = TypeVar("T")
 LEVELS_PLAYED = 200  # default number of levels of a split
-_SPLITS = ("train", "test", "long", "long:test")
 _POLICY_FILES = (".onnx", ".zip")
 _CACHED_LEVELS = 100  # most cached levels of a process, 4 MB each, or 8 MB with long corridors
 _LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of levels
@@ -43,7 +42,7 @@ _LEVELS_PER_PART = 80  # average: parts have the same number of rounds, not of l
 class Levels:
     """Generated houses of one split, which count as one map; each round's seed draws one house."""
 
-    split: str  # one of ``_SPLITS``
+    split: str  # a name of ``SPLITS`` without ``generated:``
     start: int | None = None  # number of the first level; None: the split's first level
     count: int = LEVELS_PLAYED
 
@@ -137,13 +136,13 @@ def from_arguments(arguments: argparse.Namespace) -> list[Scenario]:
     wanted: list[Scenario] = []
     for name in distinct("--map", ["generated:train" if name == "generated" else name for name in names]):
         kind, _, split = name.partition(":")
-        if kind == "generated" and split not in _SPLITS:
-            raise ValueError(f"--map {name}: must be generated, generated:{' or generated:'.join(_SPLITS)}")
+        if kind == "generated" and name not in SPLITS:
+            raise ValueError(f"--map {name}: generated houses are {', '.join(SPLITS)}")
         wanted.append(Levels(split, arguments.start_level, count) if kind == "generated" else name)
     if not any(isinstance(scenario, Levels) for scenario in wanted):
         for option, value in (("--start-level", arguments.start_level), ("--num-levels", arguments.num_levels)):
             if value is not None:
-                raise ValueError(f"{option}: is for --map generated, generated:{' or generated:'.join(_SPLITS)}")
+                raise ValueError(f"{option}: is for --map {', '.join(SPLITS)}")
     return wanted
 
 
