@@ -307,11 +307,8 @@ def _piece(dice: Dice, form: int, x: float, y: float, length: float, deep: float
     if form == _ROWS:
         thick, half = dice.between(0.08, 0.4), length / 2 - dice.between(0.5, 0.7)  # with an aisle in the middle
         count = int((deep - thick) / dice.between(1.4, 1.8))
-        rows = [
-            ((deep - thick) * (n / count - 0.5), side * (length - half) / 2)
-            for n in range(count + 1)
-            for side in (-1, 1)
-        ]
+        places = [(deep - thick) * (n / count - 0.5) for n in range(count + 1)] if count > 0 else [0.0]
+        rows = [(place, side * (length - half) / 2) for place in places for side in (-1, 1)]
         return [(SOLID, x + cos * u - sin * v, y + sin * u + cos * v, half, thick, degrees) for v, u in rows]
     legs = _legs(0.0, 0.0, length, deep)
     if form == _HEAP:
