@@ -188,6 +188,8 @@ class Run:
         best = max((old["completed"] for old in self.segments), default=-1.0)
         self.segments.append(result)
         numbers = {name: float(value) for name, value in result.items() if isinstance(value, (int, float))}
+        if not self.arguments.evaluation:
+            del numbers["completed"]  # 0 of no rounds
         facts = facts_of(self.arguments, result["decisions"], numbers)
         for path in (self.checkpoint(segment), self.last, *([self.best] if result["completed"] >= best else [])):
             save_checkpoint(path, network, optimizer)
