@@ -89,6 +89,18 @@ def scores_of(env_id: str, scores: dict[str, Any]) -> str:
     return table(("Policy", head, *heads), rows)
 
 
+def overview(scores: dict[str, Any]) -> str:
+    """Return the table of all ids: mean returns, and in brackets the completed rounds."""
+    rows = []
+    for env_id, own in scores.items():
+        cells = (
+            f"{own[policy]['return']:.2f} ({rounds_of(env_id, own[policy])[1]})" if policy in own else "-"
+            for policy in POLICIES
+        )
+        rows.append([f"`{env_id.removeprefix('pacman_env/')}`", *cells])
+    return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
+
+
 def read() -> dict[str, Any]:
     """Return the stored scores by id and policy."""
     records = store.read()

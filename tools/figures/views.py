@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from pacman_env.evaluation.compare.text_table import percent, render
+from tools import scores
 
 Record = Mapping[str, Any]  # one measurement in docs/figures.json
 Records = Mapping[str, Record]
@@ -83,6 +84,10 @@ def _learned_range(name: str, records: Records, words: Sequence[str]) -> str:
     return " to ".join(str(rate) for rate in sorted({min(rates), max(rates)})) + " %"
 
 
+def _all_ids(name: str, records: Records, words: Sequence[str]) -> str:
+    return scores.overview({env_id: records[scores.figure_of(env_id)]["values"] for env_id in scores.IDS})
+
+
 View = Callable[[str, Records, Sequence[str]], str]
 VIEWS: dict[str, View] = {
     "stamp": _stamp,
@@ -91,4 +96,5 @@ VIEWS: dict[str, View] = {
     "terminal": _terminal,
     "rate": _rate,
     "learned-range": _learned_range,
+    "all-ids": _all_ids,
 }
