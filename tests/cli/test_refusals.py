@@ -67,7 +67,7 @@ COMMANDS = [
     ("compare --set clyde.ghosts=policy", "clyde.ghosts[0] = 'policy': name the .onnx file that moves it"),
     ("compare --endless --set endless=true", "endless: given twice"),
     ("map generate houses --map house", "--map house: must be one of generated, generated:wide, generated:long"),
-    ("compare --map generated:validation", "--map generated:validation: must be generated, generated:train or"),
+    ("compare --map generated:validation", "--map generated:validation: generated houses are generated,"),
     (f"compare --map house {MAPS}/house.yaml", "two maps are called house"),
     ("compare --map generated:test --num-levels 1001", "num_levels = 1001"),
     ("compare --map generated:test --start-level 5", "start_level = 5"),
