@@ -321,7 +321,8 @@ def test_second_game_is_refused_by_nodes_of_first(game: Game, monkeypatch: pytes
     game.in_menu()
     second = ask("up", "--map", "house", "--policy", "nearest")
     assert second.status == 2
-    assert re.search(r"a game is in /robot_15 already: audio_node \(process \d+ on \S+, since ", second.err)
+    # Any of its nodes: they are heard one after the other.
+    assert re.search(r"a game is in /robot_15 already: \w+ \(process \d+ on \S+, since ", second.err)
     third = ask("up", "--map", "house", "--policy", "nearest", "--namespace", "robot_16")
     assert third.status == 2
     assert "another clock runs in this ROS domain: /robot_15/sim_robot (/clock); choose another" in third.err
