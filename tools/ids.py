@@ -112,7 +112,8 @@ def sections(env_id: str) -> dict[str, str]:
 
 def page(env_id: str, env: Any) -> str:
     """Return the page of an id; ``env`` is an environment of this id."""
-    config, entry, scores = env.config.observation, IDS[env_id], read()
+    records = store.read()
+    config, entry, scores = env.config.observation, IDS[env_id], read(records)
     parts = Observer(env.batch, dataclasses.replace(config, flat=False)).parts
     observed, first = [], 0
     for key, part in parts.items():
@@ -150,7 +151,7 @@ def page(env_id: str, env: Any) -> str:
         "settings": list(_settings(env.config)),
         "first_info": "".join(f'    "{key}": {_literal(value)},\n' for key, value in first.items()),
         "figure": figure_of(env_id),
-        "stamp": VIEWS["stamp"](figure_of(env_id), store.read(), ()),
+        "stamp": VIEWS["stamp"](figure_of(env_id), records, ()),
         "scores": scores_of(env_id, scores),
         "solvers": [f"`{name}`" for name, one in scores[env_id].items() if one["return"] >= (entry.solved or math.inf)],
         "episodes": scores[env_id]["random"]["episodes"],

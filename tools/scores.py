@@ -4,6 +4,7 @@ The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments.
 the action space. The other policies choose goals, so an id with velocity actions has the scores of ``random`` only.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -15,7 +16,6 @@ from pacman_env.envs.registration import IDS
 from pacman_env.episodes.statistics import wilson
 from pacman_env.policies.registry import make_policy
 from tools.common import table
-from tools.figures import store
 
 POLICIES = ("random", "random_pellet", "nearest", "clyde_aware", "lookahead", "ppo")
 _GAMES = 50  # games in parallel; a generated house needs about 4 MB
@@ -101,9 +101,8 @@ def overview(scores: dict[str, Any]) -> str:
     return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
-def read() -> dict[str, Any]:
-    """Return the stored scores by id and policy."""
-    records = store.read()
+def read(records: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the scores among the stored ``records``, by id and policy."""
     return {env_id: records[name]["values"] for env_id in IDS if (name := figure_of(env_id)) in records}
 
 

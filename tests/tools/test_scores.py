@@ -8,11 +8,12 @@ import pytest
 
 from pacman_env.envs.registration import IDS
 from pacman_env.policies.registry import make_policy
+from tools.figures import store
 from tools.scores import POLICIES, play, read
 
 
 def test_committed_scores_cover_every_id_and_policy() -> None:
-    known = read()
+    known = read(store.read())
     assert list(known) == list(IDS)
     for env_id, scores in known.items():
         drives = IDS[env_id].kwargs.get("action") == "velocity"

@@ -85,7 +85,7 @@ def _learned_range(name: str, records: Records, words: Sequence[str]) -> str:
 
 
 def _all_ids(name: str, records: Records, words: Sequence[str]) -> str:
-    return scores.overview({env_id: records[scores.figure_of(env_id)]["values"] for env_id in scores.IDS})
+    return scores.overview(scores.read(records))
 
 
 View = Callable[[str, Records, Sequence[str]], str]
