@@ -12,7 +12,8 @@ from typing import Any
 
 import msgspec
 
-from pacman_env.web.played_round import PlayedRound, Recordings
+from pacman_env.web.played_round import PlayedRound
+from pacman_env.web.recordings import Recordings
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import scene_of
 from pacman_env.web.vocabulary import vocabulary

@@ -5,7 +5,8 @@ import time
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web import page_messages
 from pacman_env.web.game_interface import Refused
-from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
+from pacman_env.web.orders import FOLLOW, Orders
+from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.roles import DEAD_MAN_S, ROBOT, Roles, ghost_role
 
 

@@ -1,6 +1,7 @@
 """A simulated game with the phases of the robot's referee: menu, show, round, next round; and the people in it."""
 
 import logging
+import math
 import threading
 import time
 from collections.abc import Iterable
@@ -15,12 +16,14 @@ from pacman_env.game.events import killed_by
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.lights import LASTING
 from pacman_env.game.power import frightened_s
-from pacman_env.game.round import Action, RoundController, begins_in_s
+from pacman_env.game.round import Action, RoundController, begins_in_s, clyde_speed_mps
 from pacman_env.web import page_messages
 from pacman_env.web.driving import Driving
 from pacman_env.web.frame import Frame
 from pacman_env.web.game_interface import IN_PROGRESS, News, Refused
-from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound, Recordings
+from pacman_env.web.orders import FOLLOW, Moves, Orders
+from pacman_env.web.played_round import PlayedRound
+from pacman_env.web.recordings import Recordings, encoded
 from pacman_env.web.roles import ROBOT
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated_view import NO_SCENE, FeedbackPlayer, TickClock, between, scene_of
@@ -31,6 +34,8 @@ _HOME_S = 2.0  # real time for which the end of a round is shown
 _STEPS = 64  # positions within a tick that frames distinguish
 _THEME_S = 6.0  # below this length, a start show has a short melody, which does not cover sounds of the round
 _LIVES = 3  # lives of a person who plays the robot
+HARDEST = 3  # for a person who plays the robot, later levels are not harder
+NO_MOVES = Moves()
 _HIDDEN_TICKS = 6  # enough for a plan and the begin of goals
 
 
@@ -65,7 +70,9 @@ class Match:
         self._controller = RoundController(config.clyde, show, config.power)
         self._gained = 0  # points gained in the last tick
         self._lives = _LIVES
-        self._retry: tuple[int, int, int] | None = None  # round, score and seed if a person tries a round again
+        self._level_score = 0  # score when the present round started
+        self._retry: tuple[int, int] | None = None  # round and score if a person tries a level again
+        self._last_seed: int | None = None  # seed of the last round that ended
         self._shown: tuple[Frame, Frame] | None = None  # snapshots before and after the last tick
         self._number = 0  # number of the frame
         self._key: Any = None  # everything that decides the content of the frame; a change gives the frame a new number
@@ -73,6 +80,11 @@ class Match:
     @property
     def state(self) -> str:
         return self._controller.state
+
+    @property
+    def _level(self) -> int:
+        """Return the number that decides how fast ghosts are and how long they are frightened."""
+        return min(self._controller.round, HARDEST) if self.driving.plays_robot else self._controller.round
 
     def frame(self) -> Frame | None:
         """Return the game at this moment, between its last two ticks; None before the first round."""
@@ -121,12 +133,20 @@ class Match:
             raise Refused("no round could be prepared; choose another map or other settings")
         return self.round
 
-    def start(self) -> None:
-        self.require_round()
+    def start(self, same: bool = False) -> None:
+        """Start the prepared round, or the last round again (``same``); the show after a round ends at once."""
+        played = self.require_round()
         if self.clock.stopped:
             raise Refused("stopped: press Release first")
         if self.state != "menu":
-            raise Refused(IN_PROGRESS)
+            if not played.over:
+                raise Refused(IN_PROGRESS)
+            self._act(self._controller.tick(math.inf))
+            self._home_due_s = 0.0
+            self._follow_clock()
+        if same:
+            self.lay_out(self._last_seed)
+        self._level_score = self._controller.score
         self._act(self._controller.start(self._clock_s))
         self._follow_clock()
 
@@ -145,8 +165,6 @@ class Match:
         rules = self._rules.changed(setup)
         clyde_mps = self._clyde_mps if setup.clyde_mps is None else setup.clyde_mps
         self._choices.prepare(rules, clyde_mps)
-        if self.driving.plays_robot and setup.finish:
-            raise Refused("a person plays the robot: only a policy's round can be played to its end")
         self._rules, self._clyde_mps = rules, clyde_mps
         if setup.seed is not None:
             self._next_seed = setup.seed
@@ -154,11 +172,11 @@ class Match:
         self._retry, self._lives = None, _LIVES
         if (self.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
-        self.lay_out()
+        self.lay_out(None, setup.moves, setup.until)
         if not setup.finish:
             return None
         played = self.require_round()
-        played.finish()
+        played.replay(setup.moves)
         self._record(played)
         self.lay_out(played.seed)
         return {"story": self.recordings.count}
@@ -206,21 +224,28 @@ class Match:
         )
         return [dict(zip(("name", "state", "words", "remedy"), row, strict=True)) for row in rows]
 
-    def lay_out(self, seed: int | None = None) -> None:
-        """Prepare a new round in the menu, or the round of ``seed`` again. After Refused, the former round remains."""
-        speed = self._controller.clyde_speed if self._controller.round > 1 else self._clyde_mps
+    def lay_out(self, seed: int | None = None, moves: Moves = NO_MOVES, ticks: int = 0) -> None:
+        """Prepare a new round in the menu, or the round of ``seed`` again. After Refused, the former round remains.
+
+        The first ``ticks`` ticks are played with ``moves``.
+        """
+        level, speed = self._level, self._clyde_mps
+        if level > 1:
+            step_mps = self._controller.clyde.speed_step_mps
+            speed = clyde_speed_mps(self._controller.base_speed_mps, step_mps, level)
         if seed is None:
             seed = self._next_seed if self._next_seed is not None else int(self._seeds.integers(2**53))
-        ghost_roles = frozenset(k for k in self.driving.roles.ghosts() if k < len(self._rules.ghosts))
+        ghost_roles = frozenset(k for k in self.driving.roles.ghosts() if k < len(self._rules.ghosts)) | moves.ghosts
         played = self._laid_out(speed, seed, ghost_roles)
-        if self.driving.plays_robot:
+        if self.driving.plays_robot or moves != NO_MOVES:
             played.play_second_policy()
+        played.replay(moves, ticks)
         config = played.config
         with self._lock:
             self._next_seed = None
-            faster_mps = (self._controller.round - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
+            faster_mps = (level - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
             self._controller.base_clyde_speed(config.clyde.speed_mps - faster_mps)
-            self._controller.power = config.power
+            self._controller.clyde, self._controller.power = config.clyde, config.power
             self.round = played
             self.clock.tick_s = config.execution.tick_s
             self.driving.goals.clear()
@@ -230,12 +255,20 @@ class Match:
     def _laid_out(self, speed: float | None, seed: int, ghost_roles: frozenset[int] = frozenset()) -> PlayedRound:
         config, source, ghosts = self._choices.prepare(self._rules, speed)
         if config.power.pellets > 0:
-            duration_s = frightened_s(config.power, self._controller.round)
+            duration_s = frightened_s(config.power, self._level)
             config = config.with_fields(**{"power.duration_s": duration_s})
         try:
             return PlayedRound(config, source, ghosts, (self._rules.policy, self._rules.second), seed, ghost_roles)
         except ValueError as error:
             raise Refused(str(error)) from error
+
+    def demo(self) -> bytes | None:
+        """Return the frames of the prepared round as its policy plays it, or None without a round."""
+        if self.round is None:
+            return None
+        played = self.round.unplayed((self._rules.policy,))
+        played.finish()
+        return encoded(played, self.scene.revision, self._controller.round)
 
     def compile_kernels(self) -> None:
         """Play some ticks of a hidden round, so that kernels are compiled now and not during a round."""
@@ -285,7 +318,7 @@ class Match:
             if self.driving.plays_robot:
                 self._lives -= 1
                 if self._lives > 0:
-                    self._retry = self._controller.round, self._controller.score, played.seed
+                    self._retry = self._controller.round, self._level_score
             self._act(self._controller.status("death_detected", self._clock_s))
         elif self.state == "running":  # the time limit, which a robot's referee does not know
             self._news.add(words=f"the time is up after {now.time_s:g} s - Score: {self._controller.score}")
@@ -326,28 +359,27 @@ class Match:
                 return
             if self.state == "starting":  # a referee begins no round without pellets
                 played = self.require_round()
-                ids = played.assets.pellet_ids
+                ids = played.assets.pellet_ids[played.snapshots[-1].alive]
                 for _ in range(2):  # both reports are about this round
-                    power = ids[played.power_pellets].tolist()
+                    power = played.assets.pellet_ids[played.power_pellets].tolist()
                     self._act(self._controller.pellets_left(ids.tolist(), self._clock_s, power))
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:
-        self._home_due_s, seed = None, None
+        self._home_due_s = None
         if self._retry is not None:
-            self._controller.round, self._controller.score, seed = self._retry
+            self._controller.round, self._controller.score = self._retry
         elif self._lives == 0:
             self._lives = _LIVES
         self._retry = None
         try:
-            self.lay_out(seed)
+            self.lay_out()
         except Refused as refused:
             self._news.add(words=str(refused))
 
     def _record(self, played: PlayedRound) -> None:
-        scene = self.scene
-        link = "" if played.by_person else scene.facts["link"]
+        scene, self._last_seed = self.scene, played.seed
         words = self.recordings.keep(
-            played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=link
+            played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=scene.facts["link"]
         )
         self._news.add(story=self.recordings.count, words=words)

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from pacman_env.web.orders import Moves
+
 Number = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Word = Annotated[str, Meta(max_length=100)]
 Name = Annotated[str, Meta(min_length=1, max_length=200)]
@@ -19,7 +21,8 @@ class Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     id: int = 0  # the answer gets this id; 0: no answer
 
 
-class Start(Message, frozen=True): ...
+class Start(Message, frozen=True):
+    same: bool = False  # the last round again, with its seed
 
 
 class Reset(Message, frozen=True): ...  # abort the round and go back to the menu
@@ -46,6 +49,8 @@ class Setup(Message, frozen=True):
     seed: Seed | None = None
     settings: dict[Name, Value] | None = None
     finish: bool = False  # play the round to its end as fast as possible
+    moves: Moves = msgspec.field(default_factory=Moves)  # orders of people, as in a link
+    until: Annotated[int, Meta(ge=0)] = 0  # number of ticks to play with these orders before the start
 
 
 class ClydeSpeed(Message, frozen=True, tag="clyde_speed"):
@@ -133,7 +138,7 @@ class Ready(Message, frozen=True): ...  # list the readiness checks
 class Ping(Message, frozen=True): ...
 
 
-MOST_BYTES = 16_384  # largest message; maps are uploaded over HTTP
+MOST_BYTES = 262_144  # largest message; maps are uploaded over HTTP
 FOR_ALL = (Stop, Watch, Why, Stories, Ready, Ping)  # viewers may send these, too
 _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(reduce(or_, Message.__subclasses__()))
 

@@ -1,13 +1,11 @@
-"""Play and record one simulated round tick by tick, by a policy or by people, optionally next to a policy's robot."""
+"""Play one simulated round tick by tick, by a policy or by people, optionally next to a policy's robot."""
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import numpy as np
-from msgspec import UNSET
-from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from pacman_env.config import Config
@@ -24,27 +22,18 @@ from pacman_env.policies.registry import make_policy
 from pacman_env.sim.batch import GameBatch
 from pacman_env.sim.ghost_state import AS_BEHAVIOUR, BEHAVIOUR_NAMES, TO_CELL, choices_of
 from pacman_env.web.caught_ghosts import CaughtGhosts
-from pacman_env.web.frame import Frame, Pose, encode_all, thinned
+from pacman_env.web.frame import Frame, Pose, thinned
 from pacman_env.web.game_interface import Refused
+from pacman_env.web.orders import FOLLOW, Moves, Orders
 from pacman_env.world.navigation import lidar, navigator
 
 _RAYS = 180
 _RANGE_M = (0.15, 12.0)  # RPLIDAR A1
 _ONE = np.zeros(1, dtype=np.int64)
 _ALL = np.ones(1, dtype=np.bool_)
-_KEPT = 10
 _NEAR_M = 1.0  # largest distance from a click to its candidate
-FOLLOW = -1  # in place of a ghost's cell: follow the robot
-
-
-@dataclass
-class Orders:
-    """Orders of people for the next tick; candidates are numbered as on the page."""
-
-    robot: bool = False  # a person plays the robot instead of its policy
-    goal: int | None = None  # the person's candidate; None: hold
-    velocity: tuple[float, float] | None = None  # velocity command: v (m/s) and omega (rad/s)
-    ghosts: dict[int, int | None] = field(default_factory=dict)  # cell or FOLLOW by number; None: configured behaviour
+ADVISER = "ppo"  # policy that judges the goals of people
+_WORSE = 0.1  # a goal is worse if a catch within 10 s is more likely by at least this probability
 
 
 class PlayedRound:
@@ -60,6 +49,7 @@ class PlayedRound:
         ghost_roles: frozenset[int] = frozenset(),  # ghosts that people may send; otherwise they behave as configured
     ) -> None:
         self.seed, self.names = seed, tuple(policies)
+        self._given = config
         self._behaviours = config.clyde.ghosts
         outside = tuple(POLICY if k in ghost_roles else name for k, name in enumerate(self._behaviours))
         fixed = {"action": "goal", "decisions.when": "tick", "endless": False}
@@ -70,7 +60,8 @@ class PlayedRound:
         self.situations: list[Situation] = []  # at the start of each tick
         self.choices: list[list[int]] = []  # (T, 3) goal and each policy's choice, page numbers
         self.by_person = False
-        self.placed = False  # a person has placed a ghost
+        self.moves = Moves()  # orders of people until now
+        self.worse: list[int] = []  # ticks at which a person chose a more dangerous goal than ADVISER
         self.baseline: PlayedRound | None = None  # the policy's own round, while a person plays
         self._sent: Mapping[int, int | None] = {}  # ``ghosts`` of the last orders
         self.batch = batch = GameBatch(source, self.config, 1)
@@ -104,8 +95,7 @@ class PlayedRound:
 
     def place_ghost(self, number: int, x: float, y: float) -> None:
         """Move a ghost to its cell nearest to (x, y), m; only before the first tick."""
-        self.batch.place_ghost(0, number, x, y)
-        self.placed = True
+        self.moves.placed[number] = self.batch.place_ghost(0, number, x, y)
         self._situation = situation_of(self.batch)
         self.snapshots = [self._snapshot()]
 
@@ -148,22 +138,38 @@ class PlayedRound:
 
     def play_second_policy(self) -> None:
         """Let the policy play the same round next to the person, if no tick has been played."""
-        if self.ticks == 0 and not self.placed and not self.ghost_roles:
-            self.baseline = self._same_round(self.names[:1])
+        if self.ticks == 0 and not self.moves.placed and not self.ghost_roles:
+            self.baseline = self.unplayed(self.names[:1])
             self.snapshots = [self._snapshot()]
 
-    def _same_round(self, names: Sequence[str]) -> "PlayedRound":
-        return PlayedRound(self.config, self._source, copy.deepcopy(self._ghosts), names, self.seed)
+    def unplayed(self, names: Sequence[str]) -> "PlayedRound":
+        """Return the same round before its first tick, for other policies and without people."""
+        return PlayedRound(self._given, self._source, copy.deepcopy(self._ghosts), names, self.seed)
 
     def second_result(self) -> dict[str, Any] | None:
         """Return the result of the second policy in the same round, or None if a person has influenced the round."""
-        changed = self.by_person or self.placed or self.ghost_roles
-        return None if changed or len(self.names) < 2 else self._same_round(self.names[1:]).finish()
+        changed = self.by_person or self.moves.placed or self.ghost_roles
+        return None if changed or len(self.names) < 2 else self.unplayed(self.names[1:]).finish()
+
+    def replay(self, moves: Moves, ticks: int | None = None) -> None:
+        """Play with recorded orders until ``ticks`` ticks or the end; raises Refused if they do not fit the round."""
+        if max(moves.ghosts | moves.placed.keys(), default=0) >= len(self._behaviours):
+            raise Refused(f"moves: the round has {len(self._behaviours)} ghosts")
+        for number, place in () if self.ticks else moves.placed.items():
+            self.place_ghost(number, *place)
+        cells = len(self.assets.clyde.position)
+        for orders in islice(moves.ticks(), self.ticks, None):
+            if self.over or self.ticks == ticks:
+                return
+            if (orders.goal or 0) > self.hold or max(
+                (cell or 0 for cell in orders.ghosts.values()), default=0
+            ) >= cells:
+                raise Refused(f"moves: tick {self.ticks}: the map has no such place")
+            self.step(orders)
 
     def finish(self) -> dict[str, Any]:
         """Play to the end and return the result."""
-        while not self.over:
-            self.step(Orders())
+        self.replay(Moves())
         last = self.snapshots[-1]
         return {"result": self.end.word, "collected": last.collected, "time_s": last.time_s}
 
@@ -175,6 +181,7 @@ class PlayedRound:
         sent = self._ghost_choices(orders)
         self._sent = dict(orders.ghosts)
         self.situations.append(situation)
+        self.moves.note(self.ticks, orders)
         goal = chosen[0]
         if orders.velocity is not None:
             goal = self.hold
@@ -182,6 +189,9 @@ class PlayedRound:
         else:
             if orders.robot:
                 goal = self.hold if orders.goal is None else orders.goal
+                is_new = not self.choices or goal != self.choices[-1][0]
+                if is_new and self._is_worse(situation, goal):
+                    self.worse.append(self.ticks)
             choice = allowed(situation, self._numbers[[goal]], batch.hold)
             play_until_due(batch, choice, choose_for_ghosts=lambda: sent)
         self.by_person |= orders.robot or orders.velocity is not None
@@ -190,6 +200,13 @@ class PlayedRound:
             self.baseline.step(Orders())
         self._situation = situation_of(batch)
         self.snapshots.append(self._snapshot())
+
+    def _is_worse(self, situation: Situation, goal: int) -> bool:
+        """Return True if ADVISER expects a catch on the way to ``goal`` clearly more often than with its own choice."""
+        adviser = make_policy(ADVISER)
+        terms, own = adviser.explain(situation)[0], self._page_choice(adviser, situation)
+        risk, least = (terms[self._numbers[one]].get("caught", 0.0) for one in (goal, own))
+        return bool(risk - least >= _WORSE)
 
     def _page_number(self, candidate: int) -> int:
         matches = np.flatnonzero(self._numbers == candidate)
@@ -298,74 +315,3 @@ def _choice(policy: Policy, situation: Situation) -> NDArray[np.int64]:
         return choose(policy, situation)
     except PolicyError:
         return np.array([situation.mask.shape[1] - 1])
-
-
-class Recordings:
-    def __init__(self) -> None:
-        self.count = 0  # number of all rounds
-        self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
-
-    def keep(self, played: PlayedRound, **facts: Any) -> str:
-        """Store a round with its summary and ``facts``, and return a description of the round in words.
-
-        The summary has the fields of an entry of ``stories`` (docs/dev/web_protocol.md). Only the last rounds are kept.
-        """
-        self.count += 1
-        choices = np.array(played.choices).reshape(-1, 3)
-        differ = choices[:, 1] != choices[:, 2]
-        last, baseline = played.snapshots[-1], played.baseline if played.by_person else None
-        second = baseline.finish() if baseline else None
-        self._kept.pop(self.count - _KEPT, None)
-        summary = {
-            "story": self.count,
-            "result": played.end.word,
-            "seed": played.seed,
-            "collected": last.collected,
-            "spawned": last.spawned,
-            "time_s": round(last.time_s, 2),
-            "ticks": played.ticks,
-            "parts": np.flatnonzero(differ & ~np.concatenate([[False], differ[:-1]])).tolist(),
-            "decisions": np.flatnonzero(np.diff(choices[:, 0], prepend=-1)).tolist(),
-            "player": "person" if played.by_person else "policy",
-            "ghosts_played": sorted(played.ghost_roles),
-            "catcher": played.catcher,
-            "policies": list(played.names),
-            "second": second,
-            **facts,
-        }
-        if last.ghosts_caught is not UNSET:
-            summary["ghosts_caught"] = last.ghosts_caught
-        self._kept[self.count] = played, summary
-        words = f"{played.end.name}: {last.collected} of {last.spawned} pellets in {round(last.time_s, 2):g} s"
-        if baseline and second:
-            words += f"; {played.names[0]} {baseline.end.name}, {second['collected']} in {second['time_s']:g} s"
-        return words
-
-    def summaries(self) -> list[dict[str, Any]]:
-        return [summary for _, summary in reversed(self._kept.values())]
-
-    def frames(self, number: int) -> bytes | None:
-        entry = self._kept.get(number)
-        if entry is None:
-            return None
-        played, summary = entry
-        fields = {name: summary[name] for name in ("revision", "round")}
-        return encode_all([replace(snapshot, **fields) for snapshot in played.snapshots])
-
-    def compare(self, number: int) -> dict[str, Any] | None:
-        """Return the second policy's result in a round, which is played at the first request."""
-        played, summary = self._require(number)
-        if "compared" not in summary:
-            summary["compared"] = played.second_result()
-        return summary["compared"]
-
-    def _require(self, number: int) -> tuple[PlayedRound, dict[str, Any]]:
-        if number not in self._kept:
-            raise Refused(f"round {number} is no longer stored")
-        return self._kept[number]
-
-    def why(self, number: int, tick: int) -> dict[str, Any]:
-        played, _ = self._require(number)
-        if tick > played.ticks:
-            raise Refused(f"tick {tick}: the round has {played.ticks}")
-        return played.why(tick)

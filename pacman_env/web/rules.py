@@ -28,6 +28,13 @@ _GROUPS = ("robot", "localization", "nav2", "pellets", "clyde", "power", "execut
 _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measurements, not listed
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _MOST_MAPS = 20  # uploaded maps
+#: What *Play* on the page sets up. ``ppo`` completes at least half of each of the levels (``HARDEST`` in ``match.py``).
+PLAY = {
+    "preset": "robot",
+    "ghosts": ("arcade", "wander"),
+    "clyde_mps": 0.15,
+    "settings": {"power.pellets": 6, "clyde.speed_step_mps": 0.02, "time_limit_s": 420.0},
+}
 _LONGEST_S = 3600.0  # limit of a round, because all ticks are stored
 _MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 
@@ -80,6 +87,7 @@ class Choices:
             "policies": self._policies,
             "behaviours": [*(name for name in behaviour_names() if name != POLICY), LEARNED_CLYDE],
             "settings": [setting._asdict() for setting in self._settings],
+            "play": PLAY,
         }
 
     def _preset(self, name: str) -> dict[str, Any]:

@@ -43,7 +43,6 @@ class SimulatedGame:
         self._lock = threading.RLock()  # protects the match and the attributes below
         self._match = Match(rules or Rules(), choices, seed, speed, self._news, self._lock, start_s)
         self.choices, self.add_map, self.news = choices.facts, choices.add_map, self._news.after
-        self.story = self._match.recordings.frames
         self._why = False
         self._why_sent_s = 0.0
         self._orders: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any], bool] | None] = queue.SimpleQueue()
@@ -77,6 +76,9 @@ class SimulatedGame:
         if isinstance(message, page_messages.Why):  # a finished round is constant, so no tick has to wait
             return self._match.recordings.why(message.story, message.tick)
         return self._ask(lambda: self._do(person, message), waits=isinstance(message, _LONG))
+
+    def story(self, number: int) -> bytes | None:
+        return self._match.recordings.frames(number) if number else self._ask(self._match.demo, waits=True)
 
     def stop(self, person: str) -> None:
         self._hold(True, person)
@@ -167,8 +169,8 @@ class SimulatedGame:
     def _do(self, person: str, message: Message) -> Any:
         game = self._match
         match message:
-            case page_messages.Start():
-                game.start()
+            case page_messages.Start(same=same):
+                game.start(same)
             case page_messages.Reset():
                 game.reset()
             case page_messages.Pause(on=on):

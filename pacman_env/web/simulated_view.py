@@ -140,8 +140,6 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         linked = replace(linked, level=played.level)
     if power_pellets:  # the time is shorter in later rounds
         linked = replace(linked, settings={**rules.settings, "power.duration_s": config.power.duration_s})
-    # Without interventions, the names and numbers decide the whole round.
-    reproducible = not (played.placed or played.by_person or played.ghost_roles)
     height, width = assets.occupancy.grey.shape
     facts = {
         **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),
@@ -161,7 +159,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         "level": played.level,
         "settings": dict(rules.settings),
         "clyde_speed_mps": config.clyde.speed_mps,
-        "link": linked.link(played.seed, config.clyde.speed_mps) if reproducible else "",
+        "link": linked.link(played.seed, config.clyde.speed_mps),
         "preparing": False,
     }
     return Scene(revision, facts, cv2.imencode(".png", assets.occupancy.grey)[1].tobytes())

@@ -10,7 +10,8 @@ from msgspec import UNSET
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.web import page_messages as m
 from pacman_env.web.caught_ghosts import CaughtGhosts
-from pacman_env.web.played_round import Orders, PlayedRound
+from pacman_env.web.orders import Orders
+from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Choices, Rules
 from pacman_env.web.simulated import SimulatedGame
 from tests.waiting import wait_for

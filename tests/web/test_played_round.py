@@ -4,6 +4,7 @@ import json
 import math
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,18 +13,27 @@ from numpy.typing import NDArray
 
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
+from pacman_env.episodes.rollout import episode_seeds, play
 from pacman_env.evaluation.replay import RecordedGame
 from pacman_env.evaluation.rounds.scenarios import open_scenario
+from pacman_env.game.ends import COMPLETE
 from pacman_env.game.goals import goal_name
+from pacman_env.game.power import frightened_s
+from pacman_env.game.round import clyde_speed_mps
 from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import BasePolicy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.registry import make_policy
 from pacman_env.web import played_round
-from pacman_env.web.played_round import FOLLOW, Orders, PlayedRound
-from pacman_env.web.rules import Choices, Rules
+from pacman_env.web.game_interface import Refused
+from pacman_env.web.match import HARDEST
+from pacman_env.web.orders import FOLLOW, Moves, Orders
+from pacman_env.web.page_messages import Setup
+from pacman_env.web.played_round import ADVISER, PlayedRound
+from pacman_env.web.rules import PLAY, Choices, Rules
 from pacman_env.web.simulated_view import between, scene_of
 from pacman_env.web.vocabulary import TERMS
+from pacman_env.world.maps.occupancy import shipped_maps
 from tests.web.pages import decode
 
 CHOICES = Choices()
@@ -197,3 +207,71 @@ def test_robot_holds_if_policy_makes_no_choice(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(played_round, "make_policy", lambda name: Lost())
     round = played(laid_out(), ticks=3)
     assert round.choices == [[round.hold] * 3] * 3
+
+
+@st.composite
+def people(draw: st.DrawFn) -> list[Orders]:
+    """Orders of 20 ticks, of which some are like those before."""
+    goals, cells = st.none() | st.integers(0, 8), st.none() | st.integers(FOLLOW, 300)
+    speeds = st.tuples(st.floats(-0.3, 0.3), st.floats(-1.9, 1.9))
+    orders = st.one_of(
+        st.builds(Orders, robot=st.booleans(), goal=goals, ghosts=st.dictionaries(st.integers(0, 1), cells)),
+        st.builds(Orders, robot=st.just(True), velocity=speeds),
+    )
+    return [one for one in draw(st.lists(orders, min_size=10, max_size=10)) for _ in range(2)]
+
+
+@settings(max_examples=10)
+@given(people(), st.booleans())
+def test_moves_repeat_round_of_people(orders: list[Orders], placed: bool) -> None:
+    first = laid_out(ghosts=("wander", "chase"), ghost_roles=frozenset([0, 1]))
+    if placed:
+        first.place_ghost(1, 0.5, -0.5)
+    for one in orders:
+        first.step(one)
+    moves = msgspec.json.decode(msgspec.json.encode(first.moves), type=Moves)
+    again = laid_out(ghosts=("wander", "chase"), ghost_roles=moves.ghosts)
+    again.replay(moves, len(orders))
+    for ours, theirs in zip(first.snapshots, again.snapshots, strict=True):
+        assert ours.true == theirs.true
+        np.testing.assert_array_equal(ours.ghosts, theirs.ghosts)
+    assert again.moves == first.moves
+
+
+@pytest.mark.parametrize(
+    "moves",
+    [
+        Moves(orders=[(0, Orders(robot=True, goal=999))]),
+        Moves(orders=[(0, Orders(ghosts={0: 10**6}))]),
+        Moves(orders=[(0, Orders(ghosts={1: 0}))]),
+        Moves(placed={2: (0.0, 0.0)}),
+    ],
+)
+def test_moves_of_another_map_are_refused(moves: Moves) -> None:
+    with pytest.raises(Refused):
+        laid_out(ghost_roles=moves.ghosts).replay(moves)
+
+
+def test_dangerous_goal_of_person_is_marked() -> None:
+    """A person who never leaves a chasing ghost's way is marked; one who follows the adviser is not."""
+    rules = {"policy": ADVISER, "ghosts": ("chase",), "clyde_mps": 0.25, "settings": {}}
+    good, bad = laid_out(**rules), laid_out(**rules)
+    while not good.over:
+        good.step(Orders(robot=True, goal=good._page_choice(good._policies[0], good._situation)))
+    assert not good.worse
+    nearest = laid_out(**{**rules, "policy": "nearest"})
+    while not bad.over:
+        bad.step(Orders(robot=True, goal=nearest._page_choice(nearest._policies[0], bad._situation)))
+    assert bad.worse
+    changed = {tick for tick, orders in bad.moves.orders}
+    assert set(bad.worse) <= changed
+
+
+@pytest.mark.parametrize("name", shipped_maps())
+def test_hardest_level_of_play_can_be_won(name: str) -> None:
+    """The built-in policy completes at least half of the rounds of the last level that *Play* offers."""
+    config, source, _ = CHOICES.prepare(Rules(map=name).changed(Setup(**PLAY)), None)
+    mps = clyde_speed_mps(PLAY["clyde_mps"], config.clyde.speed_step_mps, HARDEST)
+    fields = {"clyde.speed_mps": mps, "power.duration_s": frightened_s(config.power, HARDEST)}
+    records, _ = play(source, config.with_fields(**fields), ADVISER, episode_seeds(1, 16))
+    assert np.mean(records["end"] == COMPLETE) >= 0.5

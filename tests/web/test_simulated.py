@@ -12,7 +12,9 @@ from msgspec import UNSET
 from pacman_env.web import page_messages as m
 from pacman_env.web.frame import Frame
 from pacman_env.web.game_interface import Refused
-from pacman_env.web.played_round import Orders, PlayedRound
+from pacman_env.web.match import HARDEST
+from pacman_env.web.orders import Orders
+from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
@@ -177,7 +179,6 @@ def test_person_sends_a_ghost_to_the_robot(game: SimulatedGame) -> None:
     wait_for(lambda: game.handle("Ann", m.Stories()))
     story = game.handle("Ann", m.Stories())[0]
     assert (story["result"], story["catcher"], story["ghosts_played"]) == ("caught", 0, [0])
-    assert story["link"] == ""
 
 
 def test_person_plays_same_round_as_policy(game: SimulatedGame) -> None:
@@ -193,7 +194,6 @@ def test_person_plays_same_round_as_policy(game: SimulatedGame) -> None:
     wait_for(lambda: frame(game).state == "menu")
     story = game.handle("Ann", m.Stories())[0]
     assert story["player"] == "person"
-    assert story["link"] == ""
     beside = game.handle("Ann", m.Stories())[0]["second"]
     assert beside["result"] in ("complete", "caught", "timeout")
     game.leave("Ann")
@@ -205,16 +205,76 @@ def test_person_has_three_lives_to_complete_levels(game: SimulatedGame) -> None:
     game.handle("Ann", m.Setup(ghosts=("chase",), clyde_mps=2.0, seed=5))
     game.handle("Ann", m.Role(role="robot"))
     game.handle("Ann", m.Goal(candidate=-1))
-    left = []
+    left, seeds = [], set()
     for _ in range(3):
-        seed = game.scene().facts["seed"]
         left.append(frame(game).lives)
-        assert played(game)["result"] == "caught"
-        again = game.scene().facts["seed"] == seed
-        assert again == (len(left) < 3), "the same level until no life is left"
+        story = played(game)
+        assert story["result"] == "caught"
+        seeds.add(story["seed"])
+        assert frame(game).score == 0, "the score at the start of the level"
     assert (left, frame(game).lives) == ([3, 2, 1], 3)
+    assert len(seeds) == 3, "a retry is another round"
     game.leave("Ann")
     assert frame(game).lives is UNSET
+
+
+def test_next_round_starts_during_end_of_last(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Setup(ghosts=("chase",), clyde_mps=2.0, seed=5))
+    game.handle("Ann", m.Role(role="robot"))
+    game.handle("Ann", m.Goal(candidate=-1))
+    for same in (False, True):
+        game.handle("Ann", m.Start())
+        wait_for(lambda: frame(game).state == "dying")
+        game.handle("Ann", m.Start(same=same))
+        assert frame(game).state in ("returning_home", "starting", "running")
+        seed = game.handle("Ann", m.Stories())[0]["seed"]
+        assert (game.scene().facts["seed"] == seed) == same
+        wait_for(lambda: frame(game).state == "menu")
+
+
+def test_person_has_no_harder_levels_than_third(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Setup(map="loop", ghosts=("wander",), clyde_mps=0.1, seed=5))
+    game.handle("Ann", m.Role(role="robot"))
+    speeds = []
+    for number in range(1, HARDEST + 2):
+        game._match._controller.round = number
+        game._match.lay_out()
+        speeds.append(game.scene().facts["clyde_speed_mps"])
+    assert speeds == pytest.approx([0.1, 0.15, 0.2, 0.2])
+
+
+def test_prepared_round_is_shown_as_demo(game: SimulatedGame) -> None:
+    seed, facts = game.scene().facts["seed"], game.scene().facts
+    data = game.story(0)
+    assert data is not None
+    frames = decode_all(data)
+    assert {one.revision for one in frames} == {game.scene().revision}
+    assert (frame(game).state, game.scene().facts) == ("menu", facts)
+    assert not game.handle("Ann", m.Stories())
+    assert played(game)["seed"] == seed
+    own = game.story(1)
+    assert own is not None
+    assert [one.true for one in decode_all(own)] == [one.true for one in frames]
+
+
+def test_moment_is_played_again_from_link(game: SimulatedGame) -> None:
+    game.handle("Ann", m.Role(role="robot"))
+    begin(game)
+    game.handle("Ann", m.Goal(candidate=2))
+    game.handle("Ann", m.Speed(times=50))
+    wait_for(lambda: frame(game).state == "menu")
+    story = game.handle("Ann", m.Stories())[0]
+    data = game.story(story["story"])
+    assert data is not None
+    then = decode_all(data)[30]
+    game.handle("Ann", m.Setup(seed=story["seed"], moves=story["moves"], until=30))
+    assert (frame(game).state, frame(game).time_s, frame(game).true) == ("menu", then.time_s, then.true)
+    begin(game)
+    game.handle("Ann", m.Speed(times=50))
+    wait_for(lambda: frame(game).state == "menu")
+    again = game.handle("Ann", m.Stories())[0]
+    assert (again["seed"], again["player"]) == (story["seed"], "person")
+    assert again["second"] == story["second"]
 
 
 def test_driven_robot_stops_without_further_messages(game: SimulatedGame) -> None:
