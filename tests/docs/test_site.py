@@ -13,7 +13,7 @@ import pytest
 
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from tests.pages import public_names
-from tools.common import ROOT, SUFFIXES
+from tools.common import ROOT, STATIC, SUFFIXES
 from tools.ids import file_name
 
 COMMANDS = set(re.findall(r"^## `(.*)`", (ROOT / "docs" / "commands.md").read_text(), re.MULTILINE))
@@ -107,6 +107,13 @@ def test_pages_have_title_description_and_picture_when_shared(pages: dict[Path, 
         assert (path.parent / page.about["og:image"]).is_file(), path
         assert "og:url" not in page.about, path  # the address of this site is not known
     assert len({page.about["description"] for page in pages.values()}) == len(pages)
+
+
+def test_operator_page_has_description_when_shared() -> None:
+    about = Page(STATIC / "index.html").about
+    assert about["og:title"] == "pacman_env"
+    assert 20 < len(about["description"]) <= 160
+    assert about["og:description"] == about["description"]
 
 
 def test_commands_page_has_section_for_every_command(pages: dict[Path, Page], site: Path) -> None:
