@@ -1,10 +1,15 @@
 """The site of the documentation, for Sphinx: ``scripts/docs`` builds it, with the pages of the ids."""
 
 import dataclasses
+import os
 import re
+import sys
+import textwrap
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 
 from pacman_env import __version__
@@ -20,6 +25,7 @@ templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]
+html_baseurl = os.environ.get("READTHEDOCS_CANONICAL_URL", "")  # the address of the site, for links that are shared
 html_theme = "celshast"
 html_title = f"pacman_env {release}"
 html_copy_source = False
@@ -56,6 +62,14 @@ _PAGE = re.compile(r"`+docs/((?:\w+/)*\w+)\.md`+")
 _ATTRIBUTES: dict[str, list[str]] = {}
 _BELOW = {"use_with/README": "*", "environments/ids": "ids/*"}
 _FRONT = {"index": "firstpage", "replay": "hide-toc"}
+_PREVIEW = "images/web-1440.png"  # what a shared link shows
+_LONGEST = 160  # characters of a description; search engines show no more
+_SENTENCES = re.compile(rf".{{1,{_LONGEST - 1}}}[.!?](?= |$)")
+_GENERATED = {
+    "genindex": "All documented names of pacman_env in alphabetical order.",
+    "search": "Search the documentation of pacman_env.",
+    "_modules/index": "The modules whose source code this site shows.",
+}
 _FENCE = re.compile(r"^( *)```(\w*)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
 
 
@@ -123,11 +137,33 @@ def _scripted(app: Sphinx, page: str, template: str, context: dict[str, object],
         app.add_js_file(f"{name}.js", loading_method="defer")
 
 
+def _first_paragraph(doctree: nodes.document) -> str:
+    """Return the first paragraph of a page that is in no list, table or note, and has words."""
+    for paragraph in doctree.findall(nodes.paragraph):
+        text = "".join(node.astext() for node in paragraph.findall(nodes.Text))  # without the words for a picture
+        if text.strip() and isinstance(paragraph.parent, (nodes.document, nodes.section, addnodes.desc_content)):
+            return text
+    return ""
+
+
+def _described(app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: nodes.document | None) -> None:
+    """Set the description of a page and the address of the picture that a shared link shows, for ``page.html``."""
+    source = getattr(sys.modules.get(context.get("title", "")), "__doc__", None) or ""  # of a page of viewcode
+    words = _first_paragraph(doctree) if doctree else source.partition("\n\n")[0].replace("``", "")
+    text = " ".join((words or _GENERATED.get(page, html_theme_options["description"])).split())
+    sentences = _SENTENCES.match(text)
+    context["description"] = sentences[0] if sentences else textwrap.shorten(text, _LONGEST, placeholder="…")
+    picture = f"_images/{app.env.images[_PREVIEW][1]}"
+    base = app.config.html_baseurl
+    context["preview"] = f"{base.rstrip('/')}/{picture}" if base else context["pathto"](picture, 1)
+
+
 def setup(app: Sphinx) -> None:
     """Connect what reads pages, docstrings and signatures."""
     app.connect("source-read", _adapted)
     app.connect("doctree-read", _themed, priority=400)  # before pictures are collected
     app.connect("html-page-context", _scripted)
+    app.connect("html-page-context", _described)
     app.connect("autodoc-process-docstring", _restructured, priority=400)  # before Napoleon
     app.connect("autodoc-process-docstring", _restored, priority=600)
     app.connect("autodoc-process-signature", _shorter)

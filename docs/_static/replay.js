@@ -105,7 +105,6 @@ function control(rounds, root) {
   const tick_s = frames[0][1].time_s - frames[0][0].time_s;
   const differing = [...new Set(rounds.flatMap(({ entry }) => entry.parts))].sort((a, b) => a - b);
   const names = rounds.map(({ entry }) => entry.policies[0]);
-  const legend = `Marks: decisions in which the policies differ (above in the round of ${names[0]}, below of ${names[1]}).`;
   let [at, request, since] = [0, 0, 0]; // ticks, with a fraction while playing; of the next picture; time of the last one
 
   // Shows a tick: the next one while playing, or after a jump, which pauses.
@@ -117,7 +116,7 @@ function control(rounds, root) {
     range.value = tick;
     range.ariaValueText = `${clock(tick * tick_s)} of ${clock(end_s)}`;
     write(find("at"), range.ariaValueText);
-    write(find("title"), legend);
+    write(find("title"), "Marks: the policies differ");
   }
 
   // Plays, or pauses without a request for the next picture.
@@ -148,8 +147,9 @@ function control(rounds, root) {
     const tick = Math.floor(at);
     const next = step > 0 ? differing.find((one) => one > tick) : differing.findLast((one) => one < tick);
     seek(next ?? differing.at(step > 0 ? 0 : -1));
-    const where = names.filter((_, k) => rounds[k].entry.parts.includes(at)).join(" and of ");
-    write(find("title"), `The policies differ in the round of ${where} (${differing.indexOf(at) + 1} of ${differing.length}).`);
+    const where = names.filter((_, k) => rounds[k].entry.parts.includes(at));
+    const words = where.length > 1 ? "both rounds" : where[0];
+    write(find("title"), `Difference ${differing.indexOf(at) + 1} of ${differing.length}: ${words}`);
   }
 
   function drawMarks() {

@@ -13,22 +13,26 @@ import pytest
 
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from tests.pages import public_names
-from tools.common import ROOT, SUFFIXES
+from tools.common import ROOT, STATIC, SUFFIXES
 from tools.ids import file_name
 
 COMMANDS = set(re.findall(r"^## `(.*)`", (ROOT / "docs" / "commands.md").read_text(), re.MULTILINE))
 
 
 class Page(HTMLParser):
-    """Ids of a page, and where it leads to."""
+    """Ids of a page, where it leads to, and what it says about itself."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
         self.ids: set[str] = set()
         self.targets: list[str] = []
+        self.about: dict[str, str] = {}
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag == "meta" and (name := dict(attrs).get("property") or dict(attrs).get("name")):
+            assert name not in self.about or name == "viewport", name
+            self.about[name] = dict(attrs)["content"] or ""
         for name, value in attrs:
             if name == "id" and value:
                 self.ids.add(value)
@@ -93,6 +97,23 @@ def test_id_page_has_every_section_and_picture(site: Path, env_id: str) -> None:
         assert re.search(rf'class="only-{theme}"[^>]* src="[./]+/_images/{film}"', text)
         assert (site / "_images" / film).stat().st_size < 350_000
     assert ("<h2>Several agents<" in text) == (IDS[env_id].several is not None)
+
+
+def test_pages_have_title_description_and_picture_when_shared(pages: dict[Path, Page]) -> None:
+    for path, page in pages.items():
+        assert 20 < len(page.about["description"]) <= 160, path
+        assert page.about["og:description"] == page.about["description"]
+        assert page.about["og:title"], path
+        assert (path.parent / page.about["og:image"]).is_file(), path
+        assert "og:url" not in page.about, path  # the address of this site is not known
+    assert len({page.about["description"] for page in pages.values()}) == len(pages)
+
+
+def test_operator_page_has_description_when_shared() -> None:
+    about = Page(STATIC / "index.html").about
+    assert about["og:title"] == "pacman_env"
+    assert 20 < len(about["description"]) <= 160
+    assert about["og:description"] == about["description"]
 
 
 def test_commands_page_has_section_for_every_command(pages: dict[Path, Page], site: Path) -> None:

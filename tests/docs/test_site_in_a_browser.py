@@ -65,6 +65,19 @@ def test_search_finds_page(chromium: Any, address: str, query: str, page: str) -
     assert page in [link.removeprefix(address).removesuffix("#" + page.rpartition("/")[2]) for link in found if link]
 
 
+def test_search_from_disk_reports_no_error(chromium: Any, site: Path) -> None:
+    errors: list[str] = []
+    with chromium.new_context() as context:
+        tab = context.new_page()
+        tab.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.goto(f"{(site / 'search.html').as_uri()}?q=ppo")
+        tab.wait_for_function("document.querySelector('.search-summary')?.textContent.includes('found')")
+        tab.wait_for_load_state("networkidle")
+        assert tab.locator("#search-results ul.search li a").count() > 5
+    assert errors == []
+
+
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1024, "light"), (1920, "dark")])
 def test_pages_are_accessible_uncut_and_load_nothing_foreign(
     chromium: Any, address: str, axe: str, width: int, scheme: str
@@ -88,6 +101,25 @@ def test_pages_are_accessible_uncut_and_load_nothing_foreign(
     assert found == {}
     assert errors == []
     assert [url for url in foreign if not url.startswith("data:")] == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (360, 740), (195, 422), (844, 390), (640, 360)])
+def test_replay_fits_both_maps_above_player_on_telephone(chromium: Any, site: Path, width: int, height: int) -> None:
+    with chromium.new_context(viewport={"width": width, "height": height}, reduced_motion="reduce") as context:
+        tab = context.new_page()
+        tab.goto((site / "replay.html").as_uri())
+        tab.click(".replay-player #story-next")
+        maps = tab.locator(".replay-round #map")
+        header = tab.locator("header:visible").first.bounding_box()
+        top = min(one.bounding_box()["y"] for one in maps.all())
+        tab.evaluate("(pixels) => scrollBy(0, pixels)", top - header["height"])
+        player, *boxes = (one.bounding_box() for one in (tab.locator(".replay-player"), *maps.all()))
+        assert player["height"] < 95
+        assert player["y"] + player["height"] == pytest.approx(height, abs=1)
+        for box in boxes:
+            assert box["height"] >= 0.23 * height
+            assert header["height"] <= box["y"] + 1
+            assert box["y"] + box["height"] <= player["y"] + 1
 
 
 @pytest.fixture(params=["file", "server"])
@@ -129,7 +161,7 @@ def test_replay_seeks_by_time_line_and_keys(replay: Any) -> None:
 
 def test_replay_explains_next_decision_that_differs(replay: Any, axe: str) -> None:
     replay.click(".replay-player #story-next")
-    assert "(1 of " in replay.locator(".replay-player #story-title").inner_text()
+    assert "1 of 13" in replay.locator(".replay-player #story-title").inner_text()
     words = replay.locator("#why-words").all_inner_texts()
     assert any(text.startswith("The policies disagree.") for text in words)
     assert all(
