@@ -16,17 +16,14 @@ export class PageState {
   posing = ""; // what is to be clicked to set the robot's pose
   stands = null; // where the robot stands, once that was clicked
   count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests
-  #listeners = new Map();
-  resultWords = (result) => this.hello.results[result] ?? result;
+  #listeners = {}; // by topic
 
   on(topics, listener) {
-    for (const topic of topics.split(" ")) {
-      this.#listeners.set(topic, [...(this.#listeners.get(topic) ?? []), listener]);
-    }
+    for (const topic of topics.split(" ")) (this.#listeners[topic] ??= []).push(listener);
   }
 
   emit(topic, value) {
-    for (const listener of this.#listeners.get(topic) ?? []) listener(value);
+    for (const listener of this.#listeners[topic] ?? []) listener(value);
   }
 
   get shownFrame() { return this.story ? this.story.frames[this.story.index] : this.frame; }
@@ -38,4 +35,5 @@ export class PageState {
   get mayControl() { return this.hello?.access === "operator" && [null, this.me].includes(this.people.operator); }
   // Whether a round would be lost by a reset.
   get roundRuns() { return ["starting", "running"].includes(this.frame?.state); }
+  resultWords(result) { return this.hello.results[result] ?? result; }
 }

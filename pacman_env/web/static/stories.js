@@ -109,7 +109,7 @@ export class Stories {
   }
 
   async close() {
-    const state = this.state;
+    const { state } = this;
     if (!state.story) return;
     this.player.pause();
     state.story = null;
