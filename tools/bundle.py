@@ -10,9 +10,7 @@ _OTHER = re.compile(r"^(?:import|export)\b.*", re.MULTILINE)
 
 
 def bundle(*names: str) -> str:
-    """Return a JavaScript function of ``document`` that runs modules, and those they import, once per call.
-
-    It returns the exports of each module by its name. ``document`` may be a part of a page.
+    """Return a JavaScript expression that runs modules, and those they import: the exports of each by its name.
 
     Raises:
         ValueError: a module contains an import or export of another form than the modules of the page.
@@ -29,9 +27,7 @@ def bundle(*names: str) -> str:
 
     for name in names:
         add(name)
-    return (
-        f'function (document) {{\n"use strict";\nconst modules = {{}};\n{"".join(modules.values())}return modules;\n}}'
-    )
+    return f'(() => {{\n"use strict";\nconst modules = {{}};\n{"".join(modules.values())}return modules;\n}})()'
 
 
 def _module(name: str, text: str) -> str:

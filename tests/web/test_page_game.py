@@ -112,12 +112,12 @@ def test_key_has_no_power_pellets_if_game_has_none(visit: Visit) -> None:
 
 
 ENDED = """async ([role, holder, frame, entry]) => {
-  const {emit, state} = await import("./static/state.js");
+  const {state} = await import("./static/page.js");
   const {showResult} = await import("./static/end.js");
   const now = state.frame;
   state.role = role;
   state.people = {...state.people, operator: holder, roles: {robot: "ann"}};
-  for (const one of frame) emit("frame", state.frame = {...now, lives: undefined, ...one});
+  for (const one of frame) state.emit("frame", state.frame = {...now, lives: undefined, ...one});
   showResult({result: "caught", policies: ["ppo", "nearest"], story: 1, time_s: 9, collected: 2, spawned: 9, ...entry});
   const seen = [...document.querySelectorAll("#end [id]")].filter((one) => one.offsetParent).map((one) => one.id);
   return [document.getElementById("end-next").dataset.starts, document.getElementById("end-next").textContent.trim(),

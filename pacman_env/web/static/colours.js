@@ -16,16 +16,18 @@ const LIGHT = {
 };
 const systemIsLight = matchMedia("(prefers-color-scheme: light)");
 const KEY = "pacman_env.theme";
-const page = document.documentElement.dataset;
 
-const isLight = () => (page.theme ?? (systemIsLight.matches ? "light" : "dark")) === "light";
-export const palette = () => (isLight() ? LIGHT : DARK);
+// The data of the element with the theme: of a document, or of the host of a shadow root.
+const dataOf = (root) => (root.host ?? root.documentElement).dataset;
+const isLight = ({ theme = systemIsLight.matches ? "light" : "dark" }) => theme === "light";
+export const palette = (root = document) => (isLight(dataOf(root)) ? LIGHT : DARK);
 
 export function setUpTheme(button, changed) {
+  const page = dataOf(document);
   const chosen = stored("localStorage", KEY);
   if (chosen === "light" || chosen === "dark") page.theme = chosen;
   button.onclick = () => {
-    page.theme = isLight() ? "dark" : "light";
+    page.theme = isLight(page) ? "dark" : "light";
     stored("localStorage", KEY, page.theme);
     changed();
   };

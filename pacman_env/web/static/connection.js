@@ -23,6 +23,13 @@ export function address(path) {
   return url;
 }
 
+// The frames of a finished round.
+export async function fetchFrames(number) {
+  const response = await fetch(address(`story/${number}.json`));
+  if (!response.ok) throw new Error(await response.text());
+  return response.json();
+}
+
 const pending = new Map(); // of requests without an answer: what settles them, by id
 let socket = null;
 let hooks = null;

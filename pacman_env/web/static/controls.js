@@ -3,14 +3,14 @@
 import { ask, isOpen, request } from "./connection.js";
 import { $, clock, make, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { dismiss, notice, question } from "./notices.js";
-import { inControl, me, on, roundRuns, shownFrame, state } from "./state.js";
+import { state } from "./page.js";
 
 const STOP_TIMEOUT_MS = 900;
 const STOP_TRIES = 3;
 
 $("start").onclick = () => request({ do: "start" });
 $("reset").onclick = async () => {
-  if (!roundRuns() || await question("Reset ends the current round. Continue?")) request({ do: "reset" });
+  if (!state.roundRuns || await question("Reset ends the current round. Continue?")) request({ do: "reset" });
 };
 $("pause").onclick = () => request({ do: "pause", on: !state.frame?.paused });
 const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request({ do: "speed", times }), 150);
@@ -41,8 +41,8 @@ function hintFor(frame) {
   return { menu: start, starting: "Get ready." }[frame.state] ?? "";
 }
 
-on("frame story role people", () => {
-  const frame = shownFrame();
+state.on("frame story role people", () => {
+  const frame = state.shownFrame;
   if (!frame) return;
   const live = state.frame ?? frame;
   const [word, kind] = stateOf(frame);
@@ -66,7 +66,7 @@ on("frame story role people", () => {
     setIcon(pause, live.paused ? "play" : "pause");
   }
 });
-on("scene", ({ preparing, notice: hint }) => {
+state.on("scene", ({ preparing, notice: hint }) => {
   if (preparing) write($("state"), "Preparing");
   if (hint) write($("hint"), hint);
 });
@@ -100,8 +100,8 @@ async function stop() {
 $("stop").onclick = stop;
 addEventListener("keydown", ({ key, repeat }) => key === "Escape" && !repeat && stop());
 $("release").onclick = async () => await request({ do: "release" }) && dismiss("stopped");
-on("connection", () => state.connected && stopPending && stop());
-on("frame", ({ stopped }) => {
+state.on("connection", () => state.connected && stopPending && stop());
+state.on("frame", ({ stopped }) => {
   $("release").hidden = !stopped;
   if (stopped && stopPending) stopConfirmed();
 });
@@ -114,31 +114,31 @@ for (const what of ["take", "ask", "give"]) $(`lease-${what}`).onclick = () => c
 let lastOperator = null;
 let lastAsking = "";
 let asked = false; // this person, who has no answer yet
-on("hello people connection", () => {
+state.on("hello people connection", () => {
   const { operator, asking, viewers, roles } = state.people;
   const may = state.hello?.access === "operator" && state.connected;
-  const mine = operator === me();
+  const mine = operator === state.me;
   const holder = operator === null ? "Control is free" : mine ? "You have control" : `${operator} has control`;
   write($("lease-words"), !state.hello ? "" : operator === null && !may ? "View only" : holder);
   $("lease-words").classList.toggle("important", operator !== null && !mine);
   $("lease-take").hidden = !may || operator !== null;
-  $("lease-ask").hidden = !may || operator === null || mine || asking.includes(me());
-  $("lease-give").hidden = !may || !inControl();
+  $("lease-ask").hidden = !may || operator === null || mine || asking.includes(state.me);
+  $("lease-give").hidden = !may || !state.inControl;
   write($("viewers"), String(viewers));
-  const others = inControl() ? asking.filter((name) => name !== me()).join(", ") : "";
+  const others = state.inControl ? asking.filter((name) => name !== state.me).join(", ") : "";
   if (others && others !== lastAsking) {
     const buttons = [["Hand over", () => control("give")], ["Keep control", () => control("keep")]];
     notice(`${others} asks for control.`, { stays: true, key: "asking", buttons });
   } else if (!others) dismiss("asking");
   lastAsking = others;
-  if (asked && operator && !mine && !asking.includes(me())) notice(`${operator} keeps control.`, { key: "kept" });
-  asked = state.connected && asking.includes(me());
-  if (lastOperator !== null && mine && lastOperator !== me()) notice("You have control.");
+  if (asked && operator && !mine && !asking.includes(state.me)) notice(`${operator} keeps control.`, { key: "kept" });
+  asked = state.connected && asking.includes(state.me);
+  if (lastOperator !== null && mine && lastOperator !== state.me) notice("You have control.");
   lastOperator = operator;
   const players = Object.entries(roles).filter(([, name]) => name)
     .map(([role, name]) => `${state.hello.roles[role].name}: ${name}`);
   write($("people-words"), [
-    `${viewers} ${viewers === 1 ? "viewer" : "viewers"}. You are ${me() ?? "not connected"}. ${holder}.`,
+    `${viewers} ${viewers === 1 ? "viewer" : "viewers"}. You are ${state.me ?? "not connected"}. ${holder}.`,
     asking.length ? `${asking.join(", ")} asks for control.` : "",
     players.length ? `Roles: ${players.join(", ")}.` : "",
   ].filter(Boolean).join(" "));

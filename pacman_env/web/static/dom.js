@@ -33,7 +33,11 @@ export function setIcon(element, name) {
   element.querySelector(".icon")?.remove();
   element.insertAdjacentHTML("afterbegin", `<svg class="icon" aria-hidden="true"><use href="#i-${name}"/></svg>`);
 }
-for (const element of document.querySelectorAll("[data-icon]")) setIcon(element, element.dataset.icon);
+
+// Adds the icons that the markup names.
+export function setIcons(root) {
+  for (const element of root.querySelectorAll("[data-icon]")) setIcon(element, element.dataset.icon);
+}
 
 // Writes only changed text: screen readers announce a live region once, and the layout stays.
 export function write(element, text) {

@@ -2,7 +2,7 @@
 
 import { request } from "./connection.js";
 import { $, css, make, setIcon, write } from "./dom.js";
-import { count, on, state } from "./state.js";
+import { state } from "./page.js";
 
 const LEDS = 6;
 const VOLUME = 0.07;
@@ -11,7 +11,7 @@ const FADE_S = 0.012;
 const rings = [$("ring"), $("ring-large")];
 for (const ring of rings) ring.append(...Array.from({ length: LEDS }, () => document.createElement("i")));
 let shownRing = "";
-on("frame", ({ ring }) => {
+state.on("frame", ({ ring }) => {
   if (JSON.stringify(ring) === shownRing) return;
   shownRing = JSON.stringify(ring);
   const isLit = (colour) => Boolean(colour?.some(Boolean));
@@ -23,7 +23,7 @@ on("frame", ({ ring }) => {
     });
   }
   const lit = Boolean(ring?.some(isLit));
-  if (lit) count.lit++;
+  if (lit) state.count.lit++;
   $("ring").setAttribute("aria-label", `Light ring: ${lit ? "on" : "off"}`);
   write($("ring-words"), ring ? "The colours of the robot's light ring." : "The ring shows the robot's own status.");
 });
@@ -38,7 +38,7 @@ function showButtons(what, named, describe) {
     return make("button", { type: "button", data, title, onclick }, dot, word);
   }));
 }
-on("hello", ({ events, lights, sounds }) => {
+state.on("hello", ({ events, lights, sounds }) => {
   showButtons("event", events, ({ light, sound, motion }) => ({
     title: `light: ${light ?? "none"}, sound: ${sound ?? "none"}, motion: ${motion ?? "none"}`,
   }));
@@ -48,7 +48,7 @@ on("hello", ({ events, lights, sounds }) => {
 $("arm").onchange = async ({ target }) => {
   if (!await request({ do: "arm", on: target.checked })) target.checked = !target.checked;
 };
-on("connection", () => {
+state.on("connection", () => {
   $("arm").checked = false;
 });
 
@@ -105,8 +105,8 @@ function play(word) {
     note.onended = () => notes.delete(note);
     notes.add(note);
     start = end;
-    count.notes++;
+    state.count.notes++;
   }
 }
-on("news", (items) => items.forEach(({ sound }) => sound && play(sound)));
+state.on("news", (items) => items.forEach(({ sound }) => sound && play(sound)));
 showSound();

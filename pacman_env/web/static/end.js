@@ -2,7 +2,7 @@
 
 import { request } from "./connection.js";
 import { $, clock, counted, make, stored, write, writeOrHide } from "./dom.js";
-import { mayControl, on, source, state } from "./state.js";
+import { state } from "./page.js";
 
 const KEY = "pacman_env.best";
 const ROUND_TIMEOUT_MS = 120000;
@@ -17,7 +17,6 @@ let ended = null; // the round that the card shows: an entry of the finished rou
 let lastState = "";
 let last = {}; // frame of the round's end: at home, lives and level are of the next round
 
-export const resultWords = (result) => state.hello.results[result] ?? result;
 const playsGhost = ({ ghosts_played: played = [] }) => played.some((ghost) => state.role === `ghost-${ghost}`);
 const isPlayersWin = ({ result }) => ["complete", "cleared"].includes(result); // of the robot
 const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : isPlayersWin(entry));
@@ -26,7 +25,7 @@ const isWon = (entry) => (playsGhost(entry) ? entry.result === "caught" : isPlay
 function titleOf(entry) {
   const { result, catcher } = entry;
   const by = state.hello.roles[`ghost-${catcher}`]?.name;
-  const words = resultWords(result);
+  const words = state.resultWords(result);
   if (playsGhost(entry) && result !== "caught") return `You lost: ${words.toLowerCase()}`;
   if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You won: you caught the robot" : `${by} caught the robot`;
   return result === "caught" && by ? `Caught by ${by}` : words;
@@ -68,7 +67,7 @@ const playsRobot = () => state.role === "robot" && state.frame.lives !== undefin
 
 // What a lost round means for the person who plays the robot; people without control read who starts the next one.
 function nextLine({ result, player }) {
-  if (!mayControl()) return state.people.operator ? `${state.people.operator} starts the next round.` : "";
+  if (!state.mayControl) return state.people.operator ? `${state.people.operator} starts the next round.` : "";
   const { lives, round, score } = last;
   if (!playsRobot() || lives === undefined || player !== "person" || result !== "caught") return "";
   if (!lives) return `Game over in level ${round}, score ${score}.`;
@@ -89,18 +88,19 @@ function showActions() {
   const noStory = !ended?.story;
   const [what, number] = next();
   writeOrHide($("end-lives"), nextLine(ended));
-  $("end-next").hidden = !mayControl();
+  $("end-next").hidden = !state.mayControl;
   $("end-next").dataset.starts = what;
-  $("end-again").hidden = noStory || !mayControl() || state.frame.lives !== undefined; // levels are a game of its own
+  $("end-again").hidden = noStory || !state.mayControl || state.frame.lives !== undefined; // levels are another game
   $("end-moment").hidden = noStory;
   const byPerson = ended.player === "person" || ended.ghosts_played?.length > 0; // no policy can repeat the round
-  $("end-compare").hidden = !second || second === first || byPerson || !mayControl() || !$("end-other").hidden;
+  $("end-compare").hidden = !second || second === first || byPerson || !state.mayControl || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
   write($("end-next").lastElementChild, NEXT[what](number));
 }
 
 function otherWords(policy, { result, collected, time_s: time }) {
-  return `${policy}: ${resultWords(result).toLowerCase()} after ${clock(time)}, with ${counted(collected, "pellet")}.`;
+  const words = state.resultWords(result).toLowerCase();
+  return `${policy}: ${words} after ${clock(time)}, with ${counted(collected, "pellet")}.`;
 }
 
 // Compares a round that a person has played with the policy's.
@@ -137,14 +137,14 @@ export const onMoment = (open) => {
   $("end-moment").onclick = () => open(ended);
 };
 
-on("frame", (frame) => {
+state.on("frame", (frame) => {
   if (["dying", "returning_home"].includes(frame.state)) last = frame;
   if (frame.state === lastState) return;
   lastState = frame.state;
   const result = { complete: "complete", dying: "caught" }[lastState];
-  if (result && source() === "ros") showResult({ ...frame, result });
+  if (result && state.source === "ros") showResult({ ...frame, result });
   if (["starting", "running"].includes(lastState)) close();
   if (!$("end").hidden) showActions();
 });
-on("scene people role", () => $("end").hidden || showActions());
-on("story", (story) => story && close());
+state.on("scene people role", () => $("end").hidden || showActions());
+state.on("story", (story) => story && close());

@@ -1,10 +1,8 @@
 // The key to the map: each symbol as the map draws it, with its name.
 
 import { palette } from "./colours.js";
-import { request } from "./connection.js";
 import { $, make, stored, write } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
-import { on, state } from "./state.js";
 
 const [WIDTH, HEIGHT, SCALE] = [40, 36, 62]; // pixels, and pixels a metre
 const SEEN = "pacman_env.seen"; // in the browser's store, once the first visit is over
@@ -62,43 +60,50 @@ function drawn(shown) {
   return canvas;
 }
 
-function show() {
-  if ($("guide").hidden || !state.scene) return;
-  $("guide-key").replaceChildren(...entries(state.scene).map(([text, shown]) => make("li", {}, drawn(shown),
-    make("span", { text }))));
-}
+export class Guide {
+  constructor(state, { request }) {
+    this.state = state;
+    $("key").onclick = () => this.toggle();
+    $("guide-close").onclick = () => {
+      this.#close();
+      $("key").focus();
+    };
+    for (const [name, message] of Object.entries({
+      start: { do: "start" }, robot: { do: "role", role: "robot" }, ghost: { do: "role", role: "ghost-0" },
+    })) {
+      $(`welcome-${name}`).onclick = () => {
+        this.#close();
+        request(message);
+      };
+    }
+    state.on("scene theme", () => this.#show());
+    state.on("story", (story) => story && this.#close());
+    state.on("frame", ({ state: now }) => now === "starting" && !$("welcome").hidden && this.#close());
+    if (!stored("localStorage", SEEN) && !location.hash) this.#open(true, true);
+  }
 
-function openGuide(open, first = false) {
-  $("guide").hidden = !open;
-  $("welcome").hidden = !first;
-  write($("guide-title"), first ? "Pac-Man with a robot" : "Key to the map");
-  $("key").setAttribute("aria-expanded", String(open));
-  show();
-}
+  #show() {
+    if ($("guide").hidden || !this.state.scene) return;
+    $("guide-key").replaceChildren(...entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown),
+      make("span", { text }))));
+  }
 
-export const toggleGuide = () => openGuide($("guide").hidden);
+  #open(open, first = false) {
+    $("guide").hidden = !open;
+    $("welcome").hidden = !first;
+    write($("guide-title"), first ? "Pac-Man with a robot" : "Key to the map");
+    $("key").setAttribute("aria-expanded", String(open));
+    this.#show();
+  }
 
-// Closes the guide; a first visit is over then.
-function close() {
-  if ($("guide").hidden) return;
-  stored("localStorage", SEEN, "yes");
-  openGuide(false);
-}
+  toggle() {
+    this.#open($("guide").hidden);
+  }
 
-$("key").onclick = toggleGuide;
-$("guide-close").onclick = () => {
-  close();
-  $("key").focus();
-};
-for (const [name, message] of Object.entries({
-  start: { do: "start" }, robot: { do: "role", role: "robot" }, ghost: { do: "role", role: "ghost-0" },
-})) {
-  $(`welcome-${name}`).onclick = () => {
-    close();
-    request(message);
-  };
+  // Closes the guide; a first visit is over then.
+  #close() {
+    if ($("guide").hidden) return;
+    stored("localStorage", SEEN, "yes");
+    this.#open(false);
+  }
 }
-on("scene theme", show);
-on("story", (story) => story && close());
-on("frame", ({ state: now }) => now === "starting" && !$("welcome").hidden && close());
-if (!stored("localStorage", SEEN) && !location.hash) openGuide(true, true);

@@ -1,17 +1,25 @@
 // The page: messages of the server, tabs, shortcuts, and the list of what is ready.
 
+import { Choosing } from "./choosing.js";
 import { setUpTheme } from "./colours.js";
-import { connect, remember, request, send } from "./connection.js";
+import * as game from "./connection.js";
 import "./controls.js";
-import { toggleGuide } from "./guide.js";
-import { $, clock, facts, isShortcut, make, narrow, write } from "./dom.js";
+import { $, clock, facts, isShortcut, make, narrow, setIcons, write } from "./dom.js";
 import { sounds } from "./effects.js";
-import * as map from "./map.js";
+import { onMoment, showResult } from "./end.js";
+import { Guide } from "./guide.js";
+import { Links } from "./links.js";
+import { GameMap } from "./map.js";
+import { setUpMapControls } from "./map_controls.js";
 import { notice } from "./notices.js";
-import "./roles.js";
-import { count, emit, on, robotPose, state } from "./state.js";
-import { followLink } from "./stories.js";
-import "./why.js";
+import { state } from "./page.js";
+import { poseRobot } from "./pose.js";
+import { Roles } from "./roles.js";
+import { placeGhost } from "./setup.js";
+import { robotPose } from "./state.js";
+import { Steering } from "./steering.js";
+import { Stories } from "./stories.js";
+import { WhyTable } from "./why.js";
 
 const MOST_LOG = 60;
 const DESCRIBE_MS = 2000;
@@ -20,9 +28,22 @@ const READINESS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" 
 let newest = ""; // JSON of the newest frame
 let followed = false; // the link by which the page was opened
 
-addEventListener("error", ({ message }) => count.errors.push(String(message)));
-addEventListener("unhandledrejection", ({ reason }) => count.errors.push(String(reason)));
-window.pacman = { count, state, sounds, view: map.view };
+addEventListener("error", ({ message }) => state.count.errors.push(String(message)));
+addEventListener("unhandledrejection", ({ reason }) => state.count.errors.push(String(reason)));
+
+setIcons(document);
+const map = new GameMap(document, state, { address: (url) => game.address(url).href, failed: notice });
+setUpMapControls(map);
+new WhyTable(document, state, (candidate) => {
+  if (state.role === "robot" && !state.story) game.request({ do: "goal", candidate });
+});
+new Roles(state, game, new Steering(state, game));
+new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : placeGhost(place)));
+const stories = new Stories(state, game, map, showResult);
+onMoment((entry) => stories.openMoment(entry));
+const links = new Links(state, game, stories);
+const guide = new Guide(state, game);
+window.pacman = { count: state.count, state, sounds, view: map.view };
 
 function opened() {
   if (state.hello) notice("The connection is back.", { key: "connection" });
@@ -40,43 +61,43 @@ function lost(reason) {
   newest = "";
   if (!state.connected) return;
   state.connected = false;
-  emit("connection");
+  state.emit("connection");
 }
 
 const receive = {
   hello(message) {
     state.hello = message;
-    remember(message.again);
+    game.remember(message.again);
     state.connected = true;
-    emit("hello", message);
-    emit("connection");
+    state.emit("hello", message);
+    state.emit("connection");
     watch();
   },
   scene(message) {
     const ghosts = (message.ghosts ?? []).map((ghost) => ({ ...ghost, ...state.hello.roles[ghost.role] }));
     state.scene = { pellets: [], refuges: [], candidates: [], robot: {}, ...message, ghosts };
-    emit("scene", state.scene);
+    state.emit("scene", state.scene);
     if (!state.story) map.showScene(state.scene);
-    if (!message.preparing && !followed) setTimeout(followLink, 300);
+    if (!message.preparing && !followed) setTimeout(() => links.follow(), 300);
     followed ||= !message.preparing;
   },
   people(message) {
     state.people = message;
-    emit("people");
+    state.emit("people");
   },
   news({ items }) {
     for (const { why, words } of items) {
-      if (why && !state.story) emit("why", (state.why = why));
+      if (why && !state.story) state.emit("why", (state.why = why));
       if (words) $("log").prepend(make("li", { text: words }));
     }
     while ($("log").children.length > MOST_LOG) $("log").lastElementChild.remove();
-    emit("news", items);
+    state.emit("news", items);
   },
   refused: ({ words }) => notice(words, { bad: true }),
 };
 
 function frame(data) {
-  count.frames++;
+  state.count.frames++;
   newest = data;
   showNewest();
 }
@@ -86,18 +107,18 @@ function showNewest() {
   if (document.hidden || !newest) return;
   state.frame = JSON.parse(newest);
   if (!state.story) map.showFrame(state.frame);
-  emit("frame", state.frame);
+  state.emit("frame", state.frame);
 }
 document.addEventListener("visibilitychange", showNewest);
 
 function watch() {
-  send({ do: "watch", why: !$("panel-why").hidden, lidar: map.layers.lidar });
+  game.send({ do: "watch", why: !$("panel-why").hidden, lidar: map.layers.lidar });
 }
-on("layers tab", watch);
+state.on("layers tab", watch);
 
 // The map as text for screen readers; not announced by itself.
 let described = -Infinity;
-on("frame", (now) => {
+state.on("frame", (now) => {
   if (performance.now() - described < DESCRIBE_MS) return;
   described = performance.now();
   const robot = robotPose(now);
@@ -118,7 +139,7 @@ function chooseTab(tab, open = true) {
     $(one.getAttribute("aria-controls")).hidden = one !== tab;
   }
   document.body.classList.toggle("panel-open", open);
-  emit("tab", tab.id);
+  state.emit("tab", tab.id);
 }
 
 tabs.forEach((tab, k) => {
@@ -133,15 +154,15 @@ tabs.forEach((tab, k) => {
 });
 
 const SHORTCUTS = {
-  "+": () => map.zoom(1.3), "=": () => map.zoom(1.3), "-": () => map.zoom(1 / 1.3), 0: map.fit,
-  f: () => $("follow").click(), "?": toggleGuide,
+  "+": () => map.zoom(1.3), "=": () => map.zoom(1.3), "-": () => map.zoom(1 / 1.3), 0: () => map.fit(),
+  f: () => $("follow").click(), "?": () => guide.toggle(),
 };
 addEventListener("keydown", (event) => isShortcut(event) && SHORTCUTS[event.key]?.());
 
 async function checkReadiness() {
   const again = $("ready-check");
   write(again, "Checking");
-  const answer = await request({ do: "ready" }, 30000);
+  const answer = await game.request({ do: "ready" }, 30000);
   write(again, "Check again");
   if (!answer) return;
   $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: result, words, remedy }) =>
@@ -150,14 +171,14 @@ async function checkReadiness() {
       make("p", {}, words, remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : null))));
 }
 $("ready-check").onclick = checkReadiness;
-on("tab hello", () => state.connected && !$("panel-ready").hidden && checkReadiness());
-on("hello", ({ version, source, access, you }) => $("about").replaceChildren(...facts([
+state.on("tab hello", () => state.connected && !$("panel-ready").hidden && checkReadiness());
+state.on("hello", ({ version, source, access, you }) => $("about").replaceChildren(...facts([
   ["Version", version], ["Game", source === "ros" ? "the robot" : "the simulator"], ["Your name", you],
   ["Access", access === "operator" ? "operator: can run the game" : "viewer: can view, and STOP"],
 ])));
 
 setUpTheme($("theme"), () => {
   map.repaint();
-  emit("theme");
+  state.emit("theme");
 });
-connect({ opened, lost, frame, message: (message) => receive[message.kind]?.(message) });
+game.connect({ opened, lost, frame, message: (message) => receive[message.kind]?.(message) });

@@ -1,215 +1,202 @@
 // The live map: canvases, view, layers, and when to draw.
 
+import { cardsOn, insetsOf, isCovered } from "./cards.js";
 import { palette } from "./colours.js";
-import { $, make, narrow } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
 import { Motion } from "./motion.js";
-import { notice } from "./notices.js";
 import { MapPicture, boundsOf } from "./picture.js";
-import { count, emit, on, robotPose, shownFrame, shownScene, state } from "./state.js";
-import { View, setUpGestures } from "./view.js";
+import { robotPose } from "./state.js";
+import { View } from "./view.js";
 
-const LAYERS = Object.entries({
+export const LAYERS = {
   scores: "Scores as rings", plan: "Plan", trail: "Trail", believed: "Believed pose",
   catch: "Catch radius", names: "Names", lidar: "Lidar",
-});
+};
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
-const BUTTONS_PX = 50; // height of the row of buttons on a telephone
-export const NEAR_PX = 24; // between a click and what it means
-
-export const view = new View();
-export const layers = Object.fromEntries(LAYERS.map(([name]) => [name, name !== "lidar"]));
-export let cross = null; // the place chosen by keys
-
-const base = new Painter($("base"), view, { alpha: false });
-const top = new Painter($("top"), view);
-const motion = new Motion();
-let picture = null;
-let baseChanged = true;
-let request = 0;
-let trail = [];
-let driven = 0; // m, which opens and closes the mouth
-
-function resize() {
-  const { clientWidth: width, clientHeight: height } = $("map");
-  const ratio = Math.min(3, devicePixelRatio || 1);
-  for (const { context } of [base, top]) {
-    context.canvas.width = Math.round(width * ratio);
-    context.canvas.height = Math.round(height * ratio);
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  }
-  const row = narrow.matches && innerHeight > 480 && !document.body.classList.contains("panel-open");
-  view.insetTop = row ? BUTTONS_PX : 0;
-  view.resize(width, height);
-  redraw();
-}
-
-export function zoom(times) {
-  view.zoom(times);
-  redraw();
-}
-
-// So many pixels at the bottom are covered.
-export function cover(inset) {
-  view.inset = inset;
-  if (view.fitted) view.fit();
-  redraw();
-}
-
-export function fit() {
-  follow(false);
-  view.fit();
-}
-
-export function follow(on_) {
-  view.following = on_;
-  $("follow").setAttribute("aria-pressed", String(on_));
-  if (on_ && view.fitted) view.zoom(1.8);
-  redraw();
-}
-
-export function pan(dx, dy) {
-  follow(false);
-  view.pan(dx, dy);
-}
-
-export function moveCross(dx, dy) {
-  const [x, y] = cross ?? [view.x, view.y];
-  const [right, up] = view.along(dx, dy);
-  cross = [x + right, y + up];
-  redraw(false);
-}
-
-export function hideCross() {
-  cross = null;
-  redraw(false);
-}
-
-export function repaint() {
-  picture?.paint(palette());
-  redraw();
-}
-
-export async function showScene(scene) {
-  const { map } = scene;
-  const sameMap = picture && picture.map.name === map?.name;
-  let loaded = map?.url === picture?.map.url ? picture : null;
-  if (map && !loaded) {
-    try {
-      loaded = await MapPicture.load(map);
-      loaded.paint(palette());
-    } catch {
-      if (shownScene() === scene) notice("The map image could not be loaded.");
-    }
-    if (shownScene() !== scene) return;
-  }
-  picture = loaded;
-  const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
-  if (picture) view.bounds = picture.bounds;
-  else if (points.length) view.bounds = boundsOf(points, 1);
-  if (!sameMap || view.fitted) {
-    view.fit();
-    if (view.following) follow(true);
-  }
-  trail = [];
-  redraw();
-}
-
-// Moves to a frame of the game, or shows it at once; a finished round has its own trail.
-export function showFrame(frame, { jump = false, path = null } = {}) {
-  if (jump || !motion.to || frame.time_s < motion.to.time_s) trail = [];
-  motion.update(frame, performance.now(), jump);
-  const pose = robotPose(frame);
-  const step = pose && trail.length ? distance(pose, trail.at(-1)) : Infinity;
-  if (path) trail = path;
-  else if (pose && !jump && step >= TRAIL_M) {
-    if (step < 5) driven += step;
-    trail.push(pose);
-    if (trail.length > MOST_TRAIL) trail.splice(0, MOST_TRAIL / 10);
-  }
-  redraw(false);
-}
+const NEAR_PX = 24; // between a click and what it means
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
 
-// The number of the candidate near a point of the page, or -1.
-function candidateAt(at) {
-  const [scene, frame] = [shownScene(), shownFrame()];
-  let [best, least] = [-1, NEAR_PX];
-  (scene?.candidates ?? []).forEach((place, k) => {
-    if (!place || (k < (scene.first_refuge ?? Infinity) && frame && !frame.alive[k])) return;
-    const away = distance(view.toScreen(...place), at);
-    if (away < least) [best, least] = [k, away];
-  });
-  return best;
-}
+export class GameMap {
+  view = new View();
+  layers = Object.fromEntries(Object.keys(LAYERS).map((name) => [name, name !== "lidar"]));
+  cross = null; // the place chosen by keys
+  #motion = new Motion();
+  #picture = null;
+  #baseChanged = true;
+  #request = 0;
+  #trail = [];
+  #driven = 0; // m, which opens and closes the mouth
+  #base;
+  #top;
 
-function redraw(withBase = true) {
-  baseChanged ||= withBase;
-  if (!request && !document.hidden) request = requestAnimationFrame(draw);
-}
-
-function draw() {
-  request = 0;
-  const now = performance.now();
-  const poses = motion.at(now);
-  if (view.following && poses.robot && distance(poses.robot, [view.x, view.y]) * view.scale > 0.3) {
-    [view.x, view.y] = poses.robot;
-    baseChanged = true;
+  // `root` is the document or shadow root with the elements of the map, `address` gives the address of a picture, and
+  // `failed` shows an error.
+  constructor(root, state, { address = (url) => url, failed = () => {} } = {}) {
+    Object.assign(this, { root, state, address, failed, element: root.getElementById("map") });
+    this.#base = new Painter(root.getElementById("base"), this.view, { alpha: false });
+    this.#top = new Painter(root.getElementById("top"), this.view);
+    state.on("candidate role placing tab", () => this.redraw(false));
+    document.addEventListener("visibilitychange", () => {
+      cancelAnimationFrame(this.#request);
+      this.#request = 0;
+      this.redraw();
+    });
+    const sizes = new ResizeObserver((changes) => { // also of an element that is shown or hidden
+      if (changes.some(({ target }) => target === this.element)) this.#resize();
+      this.#arrange();
+    });
+    for (const one of [this.element, ...this.element.querySelectorAll("[data-covers]")]) sizes.observe(one);
+    this.#resize();
   }
-  const [scene, frame, colours] = [shownScene(), motion.to, palette()];
-  if (baseChanged) drawBase(base, { picture, scene, colours });
-  baseChanged = false;
-  const ahead = poses.robot && trail.length ? Math.min(1, distance(poses.robot, trail.at(-1))) : 0;
-  drawTop(top, {
-    scene, frame, poses, trail, layers, colours, candidate: state.candidate, numbered: $("panel-why").offsetParent,
-    mine: state.story ? "none" : state.role,
-    cross: state.posing || state.placing || state.role.startsWith("ghost") ? cross ?? state.stands : null,
-    mouth: frame?.state === "running" ? 0.5 + 0.5 * Math.sin((driven - ahead) * 22) : 0.75,
-  });
-  count.frames_drawn++;
-  if (motion.moving(now)) redraw(false);
-}
 
-function openLayers(open) {
-  $("layers-list").hidden = !open;
-  $("layers").setAttribute("aria-expanded", String(open));
-}
+  #resize() {
+    const { clientWidth: width, clientHeight: height } = this.element;
+    const ratio = Math.min(3, devicePixelRatio || 1);
+    for (const { context } of [this.#base, this.#top]) {
+      context.canvas.width = Math.round(width * ratio);
+      context.canvas.height = Math.round(height * ratio);
+      context.setTransform(ratio, 0, 0, ratio, 0, 0);
+    }
+    this.view.resize(width, height);
+    this.redraw();
+  }
 
-setUpGestures($("top"), view, {
-  changed: redraw,
-  panned: () => follow(false),
-  tapped: (at) => {
-    hideCross();
-    emit("tap", { world: view.toWorld(...at), candidate: candidateAt(at) });
-  },
-  hovered: (at) => {
-    const ghost = state.role.startsWith("ghost"); // which goes anywhere
-    const candidate = at && !ghost ? candidateAt(at) : -1;
-    $("top").classList.toggle("pointing", ghost || (candidate >= 0 && state.role === "robot"));
-    if (candidate !== state.candidate) emit("candidate", (state.candidate = candidate));
-  },
-});
-$("map").addEventListener("pointerdown", ({ target }) => target === $("top") && openLayers(false));
-document.addEventListener("visibilitychange", () => {
-  cancelAnimationFrame(request);
-  request = 0;
-  redraw();
-});
-$("zoom-in").onclick = () => zoom(1.4);
-$("zoom-out").onclick = () => zoom(1 / 1.4);
-$("fit").onclick = fit;
-$("follow").onclick = () => follow(!view.following);
-$("layers").onclick = () => openLayers($("layers-list").hidden);
-$("layers-list").append(...LAYERS.map(([name, text]) => make("label", { class: "switch" }, make("input", {
-  type: "checkbox", checked: layers[name], id: `layer-${name}`,
-  onchange: ({ target }) => {
-    layers[name] = target.checked;
-    emit("layers");
-    redraw(false);
-  },
-}), make("span", { text }))));
-on("candidate role placing tab", () => redraw(false));
-new ResizeObserver(resize).observe($("map"));
-resize();
+  // Fits the map into what the cards leave free; a map that is not fitted moves only if a card covers the robot.
+  #arrange() {
+    const { view } = this;
+    const cards = cardsOn(this.element);
+    view.insets = insetsOf(cards, view.width, view.height);
+    const { robot } = this.#motion.at(performance.now());
+    if (view.fitted) view.fit();
+    else if (robot && isCovered(view.toScreen(...robot), cards)) view.centre(...robot);
+    this.redraw();
+  }
+
+  zoom(times) {
+    this.view.zoom(times);
+    this.redraw();
+  }
+
+  fit() {
+    this.follow(false);
+    this.view.fit();
+  }
+
+  follow(on) {
+    this.view.following = on;
+    this.root.getElementById("follow").setAttribute("aria-pressed", String(on));
+    if (on && this.view.fitted) this.view.zoom(1.8);
+    this.redraw();
+  }
+
+  pan(dx, dy) {
+    this.follow(false);
+    this.view.pan(dx, dy);
+  }
+
+  moveCross(dx, dy) {
+    const [x, y] = this.cross ?? [this.view.x, this.view.y];
+    const [right, up] = this.view.along(dx, dy);
+    this.cross = [x + right, y + up];
+    this.redraw(false);
+  }
+
+  hideCross() {
+    this.cross = null;
+    this.redraw(false);
+  }
+
+  repaint() {
+    this.#picture?.paint(palette(this.root));
+    this.redraw();
+  }
+
+  async showScene(scene) {
+    const { map } = scene;
+    const isShown = () => this.state.shownScene === scene;
+    const sameMap = this.#picture && this.#picture.map.name === map?.name;
+    let loaded = map?.url === this.#picture?.map.url ? this.#picture : null;
+    if (map && !loaded) {
+      try {
+        loaded = await MapPicture.load(map, this.address(map.url));
+        loaded.paint(palette(this.root));
+      } catch {
+        if (isShown()) this.failed("The map image could not be loaded.");
+      }
+      if (!isShown()) return;
+    }
+    this.#picture = loaded;
+    const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
+    if (loaded) this.view.bounds = loaded.bounds;
+    else if (points.length) this.view.bounds = boundsOf(points, 1);
+    if (!sameMap || this.view.fitted) {
+      this.view.fit();
+      if (this.view.following) this.follow(true);
+    }
+    this.#trail = [];
+    this.redraw();
+  }
+
+  // Moves to a frame of the game, or shows it at once; a finished round has its own trail.
+  showFrame(frame, { jump = false, path = null } = {}) {
+    if (jump || !this.#motion.to || frame.time_s < this.#motion.to.time_s) this.#trail = [];
+    this.#motion.update(frame, performance.now(), jump);
+    const pose = robotPose(frame);
+    const step = pose && this.#trail.length ? distance(pose, this.#trail.at(-1)) : Infinity;
+    if (path) this.#trail = path;
+    else if (pose && !jump && step >= TRAIL_M) {
+      if (step < 5) this.#driven += step;
+      this.#trail.push(pose);
+      if (this.#trail.length > MOST_TRAIL) this.#trail.splice(0, MOST_TRAIL / 10);
+    }
+    this.redraw(false);
+  }
+
+  // Whether a click at one of two places, m, can mean the other one.
+  isNear(a, b) {
+    return distance(a, b) * this.view.scale < NEAR_PX;
+  }
+
+  // The number of the candidate near a point of the page, or -1.
+  candidateAt(at) {
+    const { shownScene: scene, shownFrame: frame } = this.state;
+    let [best, least] = [-1, NEAR_PX];
+    (scene?.candidates ?? []).forEach((place, k) => {
+      if (!place || (k < (scene.first_refuge ?? Infinity) && frame && !frame.alive[k])) return;
+      const away = distance(this.view.toScreen(...place), at);
+      if (away < least) [best, least] = [k, away];
+    });
+    return best;
+  }
+
+  redraw(withBase = true) {
+    this.#baseChanged ||= withBase;
+    if (!this.#request && !document.hidden) this.#request = requestAnimationFrame(() => this.#draw());
+  }
+
+  #draw() {
+    this.#request = 0;
+    const { state, view, layers } = this;
+    const now = performance.now();
+    const [poses, frame, trail] = [this.#motion.at(now), this.#motion.to, this.#trail];
+    if (view.following && poses.robot && distance(view.toScreen(...poses.robot), view.middle) > 0.3) {
+      view.centre(...poses.robot);
+      this.#baseChanged = true;
+    }
+    const [scene, colours] = [state.shownScene, palette(this.root)];
+    if (this.#baseChanged) drawBase(this.#base, { picture: this.#picture, scene, colours });
+    this.#baseChanged = false;
+    const ahead = poses.robot && trail.length ? Math.min(1, distance(poses.robot, trail.at(-1))) : 0;
+    const pointing = state.posing || state.placing || state.role.startsWith("ghost");
+    drawTop(this.#top, {
+      scene, frame, poses, trail, layers, colours, candidate: state.candidate,
+      numbered: this.root.getElementById("panel-why").offsetParent, mine: state.story ? "none" : state.role,
+      cross: pointing ? this.cross ?? state.stands : null,
+      mouth: frame?.state === "running" ? 0.5 + 0.5 * Math.sin((this.#driven - ahead) * 22) : 0.75,
+    });
+    state.count.frames_drawn++;
+    if (this.#motion.moving(now)) this.redraw(false);
+  }
+}

@@ -1,6 +1,5 @@
 // The picture of a map, drawn in the page's colours: walls with round edges at every zoom.
 
-import { address } from "./connection.js";
 import { make } from "./dom.js";
 
 const MOST_PIXELS = 4e6;
@@ -46,9 +45,9 @@ export class MapPicture {
     this.bounds = boundsOf(corners.map((cell) => this.#toWorld(cell)));
   }
 
-  static async load(map) {
+  static async load(map, address) {
     const image = new Image();
-    image.src = address(map.url).href;
+    image.src = address;
     await image.decode();
     return new MapPicture(image, map);
   }

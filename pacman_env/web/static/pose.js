@@ -2,7 +2,7 @@
 
 import { request } from "./connection.js";
 import { $, make, showMap } from "./dom.js";
-import { emit, on, state } from "./state.js";
+import { state } from "./page.js";
 
 let shown = ""; // of the alert
 
@@ -12,7 +12,7 @@ function setPosing(posing) {
   if (posing) showMap();
   $("set-pose").setAttribute("aria-pressed", String(Boolean(posing)));
   $("top").classList.toggle("placing", Boolean(posing));
-  emit("placing");
+  state.emit("placing");
 }
 $("set-pose").onclick = () => setPosing(state.posing ? "" : "Click where the robot stands");
 $("continue").onclick = async () => await request({ do: "continue" }) && setPosing("");
@@ -28,7 +28,7 @@ export async function poseRobot([x, y]) {
   if (await request({ do: "set_pose", x: left, y: top, heading })) setPosing("");
 }
 
-on("scene", ({ alerts = [] }) => {
+state.on("scene", ({ alerts = [] }) => {
   const asks = alerts.some((one) => one.asks);
   const words = alerts.map(({ words: what, remedy, asks: answered }) =>
     `${what[0].toUpperCase()}${what.slice(1)}${answered ? ". Where is the robot?" : `: ${remedy}.`}`);

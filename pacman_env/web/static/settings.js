@@ -28,12 +28,6 @@ const isChanged = ({ value, input }) => readInput(input) !== value;
 export const changedSettings = () =>
   Object.fromEntries(rows.filter(isChanged).map(({ setting, input }) => [setting.name, readInput(input)]));
 
-export function parseSetting(name, text) {
-  const type = rows.find(({ setting }) => setting.name === name)?.setting.type;
-  if (type === "number" || type === "integer") return Number(text);
-  return type === "bool" ? text.toLowerCase() === "true" : text;
-}
-
 function makeInput({ type, low, high, options }, shared) {
   if (type === "bool") return make("input", { type: "checkbox", ...shared });
   if (type === "choice") return make("select", shared, ...options.map((value) => option(value)));

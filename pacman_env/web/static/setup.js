@@ -2,9 +2,10 @@
 
 import { address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write } from "./dom.js";
+import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
+import { state } from "./page.js";
 import { changedSettings, hasSettings, setChanged, showPreset, showSettings } from "./settings.js";
-import { emit, on, roundRuns, state, updateControls } from "./state.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
 const MOST_GHOSTS = 4;
@@ -28,7 +29,7 @@ function showLevel() {
   field("level").parentElement.hidden = field("map").value !== "generated";
 }
 
-on("hello", ({ choices = {} }) => {
+state.on("hello", ({ choices = {} }) => {
   const { maps = [], presets = {}, policies = [], settings = [] } = choices;
   [maps, Object.keys(presets), policies, policies].forEach((values, k) => {
     const list = field(SELECTS[k]);
@@ -69,7 +70,7 @@ function showScene(scene) {
   if (Number(chosen) < ghosts.length) $("place-ghost").value = chosen || "0";
   write($("place"), ghosts.length > 1 ? "Place a ghost" : "Place Clyde");
 }
-on("scene", showScene);
+state.on("scene", showScene);
 
 function editGhosts(choices) {
   edited.add("setup-ghosts");
@@ -91,7 +92,7 @@ function showGhosts(choices) {
       make("span", { class: "ghost-name", text: name }), list, remove);
   }));
   $("setup-ghost-add").hidden = choices.length >= MOST_GHOSTS;
-  updateControls();
+  updateControls(state);
 }
 
 // What the form asks for, as a message; null if a field is invalid.
@@ -112,7 +113,7 @@ function setupMessage() {
 async function apply(start) {
   const message = setupMessage();
   if (!message) return;
-  if (roundRuns() && !(await question("The new settings end the current round. Continue?"))) return;
+  if (state.roundRuns && !(await question("The new settings end the current round. Continue?"))) return;
   const close = notice("Preparing the round.", { key: "setup", stays: true });
   const answer = await request(message, SETUP_TIMEOUT_MS);
   close();
@@ -174,7 +175,7 @@ $("upload-send").onclick = async () => {
 
 const showClydeSpeed = slider($("clyde-speed"), (mps) => `${mps.toFixed(2)} m/s`,
   (mps) => request({ do: "clyde_speed", mps }), 250);
-on("scene", ({ clyde_speed_mps: mps }) => showClydeSpeed(mps));
+state.on("scene", ({ clyde_speed_mps: mps }) => showClydeSpeed(mps));
 
 function setPlacing(placing) {
   state.placing = placing;
@@ -182,10 +183,10 @@ function setPlacing(placing) {
   $("place-words").hidden = !placing;
   $("place-ghost").parentElement.hidden = !placing || (state.scene?.ghosts.length ?? 0) < 2;
   $("top").classList.toggle("placing", placing);
-  emit("placing");
+  state.emit("placing");
 }
 $("place").onclick = () => setPlacing(!state.placing);
-on("frame", (frame) => state.placing && frame.state !== "menu" && setPlacing(false));
+state.on("frame", (frame) => state.placing && frame.state !== "menu" && setPlacing(false));
 
 export async function placeGhost([x, y]) {
   if (await request({ do: "place_clyde", x, y, ghost: Number($("place-ghost").value || 0) })) setPlacing(false);

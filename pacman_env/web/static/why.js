@@ -1,59 +1,11 @@
 // Why this goal: the terms of each candidate, for two policies side by side.
 
-import { request } from "./connection.js";
-import { $, facts, make, renderReleased, write, writeOrHide } from "./dom.js";
-import { emit, on, shownScene, state } from "./state.js";
+import { facts, make, renderReleased, write, writeOrHide } from "./dom.js";
 
 const MISSING = "–";
 const RANK_LIMIT = 2; // a larger difference of the policies' ranks is marked
 
-const visible = () => !$("panel-why").hidden;
-
-// A term in words: its plain name, its unit, and how much of the unit 1 is.
-const termOf = (name) => state.hello.terms[name] ?? [name.replaceAll("_", " "), "", 1];
-const labelOf = (name) => termOf(name).slice(0, 2).filter(Boolean).join(", ");
-
-function format(name, term) {
-  if (term === null || term === undefined) return MISSING;
-  if (typeof term === "boolean") return term ? "yes" : "no";
-  if (typeof term !== "number") return term;
-  const [, unit, factor] = termOf(name);
-  const value = term * factor;
-  return value.toFixed(unit === "%" || Math.abs(value) >= 100 || (Number.isInteger(term) && factor === 1) ? 0 : 2);
-}
-
-function nameOf(candidate) {
-  const row = state.why.rows.find((one) => one.candidate === candidate);
-  if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
-  if (row.kind === "hold") return "Hold";
-  const name = shownScene()?.names?.[candidate] ?? `candidate ${candidate}`;
-  return name[0].toUpperCase() + name.slice(1);
-}
-
 const ordinal = (n) => `${n}${["th", "st", "nd", "rd"][n % 100 > 10 && n % 100 < 14 ? 0 : n % 10] ?? "th"}`;
-
-// Who comes first, in words.
-function race(later) {
-  if (!Number.isFinite(later)) return "";
-  const ghosts = shownScene()?.ghosts ?? [];
-  const who = ghosts.length === 1 ? ghosts[0].name : "the nearest ghost";
-  const seconds = Math.round(Math.abs(later));
-  if (!seconds) return `; ${who} can be there at the same time`;
-  return later > 0 ? `; ${who} needs ${seconds} s longer` : `; ${who} can be there ${seconds} s earlier`;
-}
-
-// A candidate in a sentence: which, how far, and whether a ghost is faster.
-function sentenceOf(candidate) {
-  const row = state.why.rows.find((one) => one.candidate === candidate);
-  if (!row) return "";
-  if (row.kind === "hold") return `${nameOf(candidate)}: the robot waits where it is.`;
-  const { robot_m: distance, ghost_later_s: later } = row;
-  if (!Number.isFinite(distance)) return "";
-  const rivals = state.why.rows.filter(({ kind, robot_m: other }) => kind === row.kind && other < distance);
-  const rank = rivals.length ? `${ordinal(rivals.length + 1)} nearest` : "nearest";
-  return `${nameOf(candidate)}: ${rank}, ${distance.toFixed(1)} m${race(later)}.`;
-}
-
 const merit = ({ terms }, policy) => terms[policy]?.score ?? -Infinity; // the higher the better
 
 // What the table shows of one policy: its terms, the one that decides or all that differ, and each candidate's rank.
@@ -65,86 +17,138 @@ function summarise(rows, policy, all) {
   return { policy, columns: [...(all ? differ : ["score"]), "rank"], order, ranks };
 }
 
-function tableHead(summaries) {
-  return make("thead", {},
-    make("tr", {}, make("td"), ...summaries.map(({ policy, columns }, k) => make("th", {
-      scope: "colgroup", colSpan: columns.length, class: k ? "second" : "", text: policy,
-    }))),
-    make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
-      columns.map((name, k) => make("th", {
-        scope: "col", class: policy && !k ? "second" : "", text: labelOf(name),
-      })))));
-}
+export class WhyTable {
+  #pointAt = (candidate) => this.state.emit("candidate", (this.state.candidate = candidate));
+  #find = (id) => this.root.getElementById(id);
+  // A term in words: its plain name, its unit, and how much of the unit 1 is.
+  #termOf = (name) => this.state.hello.terms[name] ?? [name.replaceAll("_", " "), "", 1];
+  #labelOf = (name) => this.#termOf(name).slice(0, 2).filter(Boolean).join(", ");
 
-function tableRow(row, summaries, disagree) {
-  const { candidate, terms, kind } = row;
-  const by = summaries.map(({ policy }) => policy).filter((policy) => state.why.chosen[policy] === candidate);
-  const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
-  const place = kind === "hold" ? -1 : candidate;
-  const [point, leave] = [() => pointAt(place), () => pointAt(-1)];
-  const go = () => state.role === "robot" && !state.story && request({ do: "goal", candidate: place });
-  const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
-    const rank = Number.isFinite(merit(row, policy)) ? ranks.get(candidate) : null;
-    const text = format(column, column === "rank" ? rank : terms[policy]?.[column]);
-    const classes = {
-      second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
-      differs: column === "rank" && rank && Math.abs(first - second) > RANK_LIMIT,
-    };
-    return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
-  }));
-  return make("tr", {
-    class: disagree && by.length ? "disagree" : "", data: { candidate }, onmouseenter: point, onmouseleave: leave,
-  }, make("th", { scope: "row" }, make("button", {
-    type: "button", text: (by.length ? "★ " : "") + nameOf(candidate), onfocus: point, onblur: leave, onclick: go,
-    title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
-  })), ...cells);
-}
+  // `root` is the document or shadow root with the panel; `choose` is called with a candidate that was clicked.
+  constructor(root, state, choose = () => {}) {
+    Object.assign(this, { root, state, choose });
+    state.on("why tab", () => renderReleased(this.#find("why-table"), () => this.#show()));
+    state.on("candidate", () => this.#showCandidate());
+    this.#find("why-full").onchange = () => this.#show();
+  }
 
-const pointAt = (candidate) => emit("candidate", (state.candidate = candidate));
+  #format(name, term) {
+    if (term === null || term === undefined) return MISSING;
+    if (typeof term === "boolean") return term ? "yes" : "no";
+    if (typeof term !== "number") return term;
+    const [, unit, factor] = this.#termOf(name);
+    const value = term * factor;
+    return value.toFixed(unit === "%" || Math.abs(value) >= 100 || (Number.isInteger(term) && factor === 1) ? 0 : 2);
+  }
 
-function show() {
-  if (!visible()) return;
-  const { why } = state;
-  const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
-  $("why-scroll").hidden = !why?.rows?.length;
-  if (why?.rows?.length) showTable(why);
-  else for (const [id, text] of [["table", ""], ["words", hint]]) write($(`why-${id}`), text);
-  writeOrHide($("why-sentence"), why?.rows?.length ? sentenceOf(why.chosen[why.policies[0]]) : "");
-  showCandidate();
-}
+  #nameOf(candidate) {
+    const row = this.state.why.rows.find((one) => one.candidate === candidate);
+    if (!row) return candidate < 0 ? "nothing" : `candidate ${candidate}`;
+    if (row.kind === "hold") return "Hold";
+    const name = this.state.shownScene?.names?.[candidate] ?? `candidate ${candidate}`;
+    return name[0].toUpperCase() + name.slice(1);
+  }
 
-function showTable({ policies, rows, chosen, time_s: time }) {
-  const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
-  $("why-words").replaceChildren(
-    disagree ? make("span", { class: "disagreement", text: "The policies disagree. " }) : "",
-    `At ${time.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${nameOf(chosen[policy])}.`).join(" "),
-  );
-  const summaries = policies.map((policy) => summarise(rows, policy, $("why-full").checked));
-  const active = document.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
-  $("why-table").replaceChildren(
-    make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }),
-    tableHead(summaries), make("tbody", {}, ...summaries[0].order.map((row) => tableRow(row, summaries, disagree))),
-  );
-  if (active !== undefined) $("why-table").querySelector(`tr[data-candidate="${active}"] button`)?.focus();
-}
+  // Who comes first, in words.
+  #race(later) {
+    if (!Number.isFinite(later)) return "";
+    const ghosts = this.state.shownScene?.ghosts ?? [];
+    const who = ghosts.length === 1 ? ghosts[0].name : "the nearest ghost";
+    const seconds = Math.round(Math.abs(later));
+    if (!seconds) return `; ${who} can be there at the same time`;
+    return later > 0 ? `; ${who} needs ${seconds} s longer` : `; ${who} can be there ${seconds} s earlier`;
+  }
 
-// All terms of the candidate pointed at, or else of the first policy's choice.
-function showCandidate() {
-  if (!visible()) return;
-  const { policies, rows, chosen } = state.why?.rows?.length ? state.why : { rows: [] };
-  const row = rows.find(({ candidate }) => candidate === state.candidate)
-    ?? rows.find(({ candidate }) => candidate === chosen[policies[0]]);
-  $("why-one").hidden = !row;
-  if (!row) return;
-  const terms = (policy) => Object.entries(row.terms[policy] ?? {}).map(([name, term]) => [labelOf(name), format(name, term)]);
-  $("why-one").replaceChildren(make("strong", { text: nameOf(row.candidate) }), make("div", { class: "pair" },
-    ...policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
-      make("dl", { class: "facts" }, ...facts(terms(policy)))))));
-  for (const line of $("why-table").querySelectorAll("tr[data-candidate]")) {
-    line.classList.toggle("lit", Number(line.dataset.candidate) === state.candidate);
+  // A candidate in a sentence: which, how far, and whether a ghost is faster.
+  #sentenceOf(candidate) {
+    const row = this.state.why.rows.find((one) => one.candidate === candidate);
+    if (!row) return "";
+    if (row.kind === "hold") return `${this.#nameOf(candidate)}: the robot waits where it is.`;
+    const { robot_m: distance, ghost_later_s: later } = row;
+    if (!Number.isFinite(distance)) return "";
+    const rivals = this.state.why.rows.filter(({ kind, robot_m: other }) => kind === row.kind && other < distance);
+    const rank = rivals.length ? `${ordinal(rivals.length + 1)} nearest` : "nearest";
+    return `${this.#nameOf(candidate)}: ${rank}, ${distance.toFixed(1)} m${this.#race(later)}.`;
+  }
+
+  #tableHead(summaries) {
+    return make("thead", {},
+      make("tr", {}, make("td"), ...summaries.map(({ policy, columns }, k) => make("th", {
+        scope: "colgroup", colSpan: columns.length, class: k ? "second" : "", text: policy,
+      }))),
+      make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
+        columns.map((name, k) => make("th", {
+          scope: "col", class: policy && !k ? "second" : "", text: this.#labelOf(name),
+        })))));
+  }
+
+  #tableRow(row, summaries, disagree) {
+    const { candidate, terms, kind } = row;
+    const by = summaries.map(({ policy }) => policy).filter((policy) => this.state.why.chosen[policy] === candidate);
+    const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
+    const place = kind === "hold" ? -1 : candidate;
+    const [point, leave] = [() => this.#pointAt(place), () => this.#pointAt(-1)];
+    const onclick = () => this.choose(place);
+    const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
+      const rank = Number.isFinite(merit(row, policy)) ? ranks.get(candidate) : null;
+      const text = this.#format(column, column === "rank" ? rank : terms[policy]?.[column]);
+      const classes = {
+        second: k && column === columns[0], chosen: by.includes(policy), none: text === MISSING,
+        differs: column === "rank" && rank && Math.abs(first - second) > RANK_LIMIT,
+      };
+      return make("td", { class: Object.keys(classes).filter((name) => classes[name]).join(" "), text });
+    }));
+    return make("tr", {
+      class: disagree && by.length ? "disagree" : "", data: { candidate }, onmouseenter: point, onmouseleave: leave,
+    }, make("th", { scope: "row" }, make("button", {
+      type: "button", text: (by.length ? "★ " : "") + this.#nameOf(candidate), onfocus: point, onblur: leave, onclick,
+      title: by.length ? `chosen by ${by.join(" and ")}` : "Show on the map",
+    })), ...cells);
+  }
+
+  #show() {
+    if (this.#find("panel-why").hidden) return;
+    const { why } = this.state;
+    const hint = why ? "Nothing could be chosen at this moment." : "Start a round: each decision is shown here.";
+    this.#find("why-scroll").hidden = !why?.rows?.length;
+    if (why?.rows?.length) this.#showTable(why);
+    else for (const [id, text] of [["table", ""], ["words", hint]]) write(this.#find(`why-${id}`), text);
+    writeOrHide(this.#find("why-sentence"), why?.rows?.length ? this.#sentenceOf(why.chosen[why.policies[0]]) : "");
+    this.#showCandidate();
+  }
+
+  #showTable({ policies, rows, chosen, time_s: time }) {
+    const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
+    this.#find("why-words").replaceChildren(
+      disagree ? make("span", { class: "disagreement", text: "The policies disagree. " }) : "",
+      `At ${time.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${this.#nameOf(chosen[policy])}.`).join(" "),
+    );
+    const summaries = policies.map((policy) => summarise(rows, policy, this.#find("why-full").checked));
+    const active = this.root.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
+    this.#find("why-table").replaceChildren(
+      make("caption", { class: "hidden", text: "Candidates and their terms, the best of the first policy first" }),
+      this.#tableHead(summaries),
+      make("tbody", {}, ...summaries[0].order.map((row) => this.#tableRow(row, summaries, disagree))),
+    );
+    if (active !== undefined) this.#find("why-table").querySelector(`tr[data-candidate="${active}"] button`)?.focus();
+  }
+
+  // All terms of the candidate pointed at, or else of the first policy's choice.
+  #showCandidate() {
+    if (this.#find("panel-why").hidden) return;
+    const { policies, rows, chosen } = this.state.why?.rows?.length ? this.state.why : { rows: [] };
+    const row = rows.find(({ candidate }) => candidate === this.state.candidate)
+      ?? rows.find(({ candidate }) => candidate === chosen[policies[0]]);
+    this.#find("why-one").hidden = !row;
+    if (!row) return;
+    const terms = (policy) => Object.entries(row.terms[policy] ?? {})
+      .map(([name, term]) => [this.#labelOf(name), this.#format(name, term)]);
+    const columns = policies.map((policy) => make("div", {}, make("span", { class: "quiet", text: policy }),
+      make("dl", { class: "facts" }, ...facts(terms(policy)))));
+    const name = make("strong", { text: this.#nameOf(row.candidate) });
+    this.#find("why-one").replaceChildren(name, make("div", { class: "pair" }, ...columns));
+    for (const line of this.#find("why-table").querySelectorAll("tr[data-candidate]")) {
+      line.classList.toggle("lit", Number(line.dataset.candidate) === this.state.candidate);
+    }
   }
 }
-
-on("why tab", () => renderReleased($("why-table"), show));
-on("candidate", showCandidate);
-$("why-full").onchange = show;

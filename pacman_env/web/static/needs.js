@@ -1,0 +1,44 @@
+// Which controls can be used now, and why others cannot.
+
+import { $, writeOrHide } from "./dom.js";
+
+// Why an element with these needs cannot be used now; empty if it can.
+function obstacle(state, needs) {
+  if (!state.connected) return "There is no connection.";
+  const { operator } = state.people;
+  if ((needs.includes("control") || needs.includes("operator")) && state.hello?.access !== "operator") {
+    return "View only: this is a viewer's link. STOP still works.";
+  }
+  if (needs.includes("control") && operator && operator !== state.me) {
+    return `${operator} has control. You can ask for it.`;
+  }
+  const { state: now = "menu", stopped } = state.frame ?? {};
+  if (needs.includes("menu") && now !== "menu") return "Only in the menu: press Reset first.";
+  return needs.includes("released") && stopped ? "Stopped: press Release first." : "";
+}
+
+// Disables what cannot be used now, with the reason as its title; `data-needs`: what it needs, `data-only`: the source.
+export function updateControls(state) {
+  for (const element of document.querySelectorAll("[data-needs]")) {
+    const reason = obstacle(state, element.dataset.needs.split(" "));
+    element.disabled = Boolean(reason);
+    element.title = reason || (element.dataset.title ?? "");
+  }
+  for (const element of document.querySelectorAll("[data-only]")) {
+    element.hidden = state.source !== element.dataset.only;
+  }
+  writeOrHide($("reason"), state.connected ? obstacle(state, ["control"]) : "");
+}
+
+// Updates the controls whenever what they need has changed.
+export function watchNeeds(state) {
+  const update = () => updateControls(state);
+  let gameState = "";
+  state.on("hello people connection", update);
+  state.on("frame", (frame) => {
+    const now = `${frame.state} ${frame.stopped}`;
+    if (now !== gameState) update();
+    gameState = now;
+  });
+  update();
+}
