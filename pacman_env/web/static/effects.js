@@ -70,8 +70,8 @@ function showSound() {
     : "Sound is off. Switch it on with the loudspeaker button at the top.");
 }
 
-$("sound").onclick = async () => {
-  wanted = !sounds.on;
+export async function switchSound(on) {
+  wanted = on;
   if (!audio) {
     audio = new AudioContext();
     audio.onstatechange = showSound;
@@ -79,7 +79,8 @@ $("sound").onclick = async () => {
   silence();
   await (wanted ? audio.resume() : audio.suspend());
   showSound();
-};
+}
+$("sound").onclick = () => switchSound(!sounds.on);
 
 function silence() {
   for (const note of notes) note.stop();

@@ -1,11 +1,10 @@
 // The key to the map: each symbol as the map draws it, with its name.
 
 import { palette } from "./colours.js";
-import { $, make, stored, write } from "./dom.js";
+import { $, make } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
 
 const [WIDTH, HEIGHT, SCALE] = [40, 36, 62]; // pixels, and pixels a metre
-const SEEN = "pacman_env.seen"; // in the browser's store, once the first visit is over
 const VIEW = {
   scale: SCALE, turn: 0, width: WIDTH, height: HEIGHT, toScreen: (x, y) => [WIDTH / 2 + x * SCALE, HEIGHT / 2 - y * SCALE],
 };
@@ -61,25 +60,14 @@ function drawn(shown) {
 }
 
 export class Guide {
-  constructor(state, { request }) {
+  constructor(state) {
     this.state = state;
     $("key").onclick = () => this.toggle();
     $("guide-close").onclick = () => {
-      this.#close();
+      this.toggle();
       $("key").focus();
     };
-    for (const [name, message] of Object.entries({
-      start: { do: "start" }, robot: { do: "role", role: "robot" }, ghost: { do: "role", role: "ghost-0" },
-    })) {
-      $(`welcome-${name}`).onclick = () => {
-        this.#close();
-        request(message);
-      };
-    }
     state.on("scene theme", () => this.#show());
-    state.on("story", (story) => story && this.#close());
-    state.on("frame", ({ state: now }) => now === "starting" && !$("welcome").hidden && this.#close());
-    if (!stored("localStorage", SEEN) && !location.hash) this.#open(true, true);
   }
 
   #show() {
@@ -88,22 +76,9 @@ export class Guide {
       make("span", { text }))));
   }
 
-  #open(open, first = false) {
-    $("guide").hidden = !open;
-    $("welcome").hidden = !first;
-    write($("guide-title"), first ? "Pac-Man with a robot" : "Key to the map");
-    $("key").setAttribute("aria-expanded", String(open));
-    this.#show();
-  }
-
   toggle() {
-    this.#open($("guide").hidden);
-  }
-
-  // Closes the guide; a first visit is over then.
-  #close() {
-    if ($("guide").hidden) return;
-    stored("localStorage", SEEN, "yes");
-    this.#open(false);
+    $("guide").hidden = !$("guide").hidden;
+    $("key").setAttribute("aria-expanded", String(!$("guide").hidden));
+    this.#show();
   }
 }

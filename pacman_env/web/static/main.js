@@ -4,6 +4,7 @@ import { Choosing } from "./choosing.js";
 import { setUpTheme } from "./colours.js";
 import * as game from "./connection.js";
 import "./controls.js";
+import { Demo } from "./demo.js";
 import { $, clock, facts, isShortcut, make, narrow, setIcons, write } from "./dom.js";
 import { sounds } from "./effects.js";
 import { onMoment, showResult } from "./end.js";
@@ -19,6 +20,7 @@ import { placeGhost } from "./setup.js";
 import { robotPose } from "./state.js";
 import { Steering } from "./steering.js";
 import { Stories } from "./stories.js";
+import { Welcome } from "./welcome.js";
 import { WhyTable } from "./why.js";
 
 const MOST_LOG = 60;
@@ -42,7 +44,8 @@ new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : pla
 const stories = new Stories(state, game, map, showResult);
 onMoment((entry) => stories.openMoment(entry));
 const links = new Links(state, game, stories);
-const guide = new Guide(state, game);
+const guide = new Guide(state);
+new Welcome(state, game, new Demo(state, game, map));
 window.pacman = { count: state.count, state, sounds, view: map.view };
 
 function opened() {
@@ -106,7 +109,7 @@ function frame(data) {
 function showNewest() {
   if (document.hidden || !newest) return;
   state.frame = JSON.parse(newest);
-  if (!state.story) map.showFrame(state.frame);
+  if (!state.story && !state.demo) map.showFrame(state.frame);
   state.emit("frame", state.frame);
 }
 document.addEventListener("visibilitychange", showNewest);

@@ -9,6 +9,7 @@ export class PageState {
   people = { viewers: 0, operator: null, asking: [], roles: {} };
   frame = null; // the newest of the game
   story = null; // the finished round that is open: {entry, frames, index, scene, trail}
+  demo = null; // the round that is shown while nobody plays: {frames, index, scene}
   role = "none";
   why = null;
   candidate = -1; // below the mouse pointer
@@ -26,7 +27,11 @@ export class PageState {
     for (const listener of this.#listeners[topic] ?? []) listener(value);
   }
 
-  get shownFrame() { return this.story ? this.story.frames[this.story.index] : this.frame; }
+  get shownFrame() {
+    const shown = this.story ?? this.demo;
+    return shown ? shown.frames[shown.index] : this.frame;
+  }
+
   get shownScene() { return this.story?.scene ?? this.scene; }
   get source() { return this.hello?.source ?? "simulator"; } // or "ros"
   get me() { return this.hello?.you ?? null; }

@@ -1,0 +1,73 @@
+// The demo: while nobody plays, the map shows the prepared round as its policy plays it.
+
+import { $ } from "./dom.js";
+
+const SPEED = 4; // times real time
+const IDLE_MS = 30000; // after the last action of a person who has control
+const END_MS = 2500; // for which the last frame is shown
+const CHECK_MS = 250;
+const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
+
+export class Demo {
+  refused = false; // its card was closed
+  #acted = -Infinity; // time of the last action
+  #timer = 0;
+  #asked = 0; // revision of the scene whose demo was requested last
+
+  constructor(state, game, map) {
+    Object.assign(this, { state, game, map });
+    for (const event of ["pointerdown", "keydown"]) {
+      addEventListener(event, () => (this.#acted = performance.now()));
+    }
+    state.on("people role story placing scene frame connection", () => this.#check());
+    setInterval(() => this.#check(), CHECK_MS);
+  }
+
+  // Whether nobody plays and nothing else is shown.
+  get #isIdle() {
+    const { connected, source, scene, frame, role, story, posing, placing, people, me } = this.state;
+    const controlled = people.operator !== null
+      && (people.operator !== me || performance.now() - this.#acted < IDLE_MS);
+    return connected && source === "simulator" && scene?.preparing === false && frame?.state === "menu"
+      && !frame.stopped && role === "none" && !story && !posing && !placing && !controlled && !$("ask").open;
+  }
+
+  #check() {
+    const { demo, scene } = this.state;
+    const idle = this.#isIdle && !this.refused && !stillWanted.matches;
+    if (demo && (!idle || demo.scene !== scene)) this.#end();
+    else if (!demo && idle && this.#asked !== scene.revision) this.#begin(scene);
+  }
+
+  async #begin(scene) {
+    this.#asked = scene.revision;
+    const frames = await this.game.fetchFrames(0).catch(() => null);
+    if (!frames || !this.#isIdle || this.state.scene !== scene) {
+      this.#asked = 0;
+      return;
+    }
+    this.state.demo = { frames, scene, index: -1 };
+    this.state.emit("demo", true);
+    this.#advance();
+  }
+
+  #advance() {
+    const { demo } = this.state;
+    const { frames } = demo;
+    if (!document.hidden) {
+      demo.index = (demo.index + 1) % frames.length;
+      this.map.showFrame(frames[demo.index], { jump: demo.index === 0 });
+      this.state.emit("story", null);
+    }
+    const step_ms = (1000 * (frames.at(-1).time_s - frames[0].time_s)) / Math.max(1, frames.length - 1) / SPEED;
+    this.#timer = setTimeout(() => this.#advance(), demo.index === frames.length - 1 ? END_MS : Math.max(20, step_ms));
+  }
+
+  #end() {
+    clearTimeout(this.#timer);
+    this.#asked = 0;
+    this.state.demo = null;
+    this.state.emit("demo", false);
+    if (this.state.frame && !this.state.story) this.map.showFrame(this.state.frame, { jump: true });
+  }
+}

@@ -1,0 +1,42 @@
+// The card of the demo: play at once, or watch.
+
+import { $, stored } from "./dom.js";
+import { switchSound } from "./effects.js";
+
+const PLAY_SPEED = 3; // times real time
+const SETUP_TIMEOUT_MS = 120000;
+const KEY = "pacman_env.sound"; // in the browser's store: whether the player wants sound
+
+export class Welcome {
+  constructor(state, game, demo) {
+    Object.assign(this, { state, game });
+    $("play").onclick = () => this.#play("robot");
+    $("play-clyde").onclick = () => this.#play("ghost-0");
+    $("watch").onclick = () => game.request({ do: "start" });
+    $("welcome-close").onclick = () => {
+      demo.refused = true;
+      $("welcome").hidden = true;
+      $("top").focus({ preventScroll: true });
+    };
+    $("play-sound").checked = stored("localStorage", KEY) !== "no";
+    $("play-sound").onchange = ({ target }) => stored("localStorage", KEY, target.checked ? "yes" : "no");
+    state.on("demo scene frame people story role", () => this.#show());
+  }
+
+  // The card is shown with the demo, or with a still map if motion is not wanted.
+  #show() {
+    const { demo, frame, role, story, people, me, source } = this.state;
+    const free = frame?.state === "menu" && role === "none" && !story && [null, me].includes(people.operator);
+    if (demo) $("welcome").hidden = false;
+    else if (!free || source !== "simulator" || !$("end").hidden) $("welcome").hidden = true;
+  }
+
+  // Takes a role and starts a game that can be won, in one click.
+  async #play(role) {
+    const { game, state } = this;
+    if ($("play-sound").checked) switchSound(true);
+    if (!await game.request({ do: "role", role })) return;
+    if (!await game.request({ do: "setup", ...state.hello.choices.play }, SETUP_TIMEOUT_MS)) return;
+    if (await game.request({ do: "speed", times: PLAY_SPEED })) await game.request({ do: "start" });
+  }
+}
