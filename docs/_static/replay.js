@@ -100,7 +100,8 @@ function playerOf(rounds, root) {
   const legend = "Marks: the policies differ";
   bar.hidden = false;
   bar.ariaLabel = "Player";
-  for (const element of [find("share"), find("close"), bar.querySelector(".legend")]) element.remove();
+  for (const name of ["share", "save", "again", "close"]) find(name).remove();
+  bar.querySelector(".legend").remove();
   setIcons(bar);
   find("range").ariaLabel = "Time";
   find("title").replaceWith(make("span", { id: "story-title", role: "status" }));
@@ -120,10 +121,6 @@ function playerOf(rounds, root) {
       write(find("title"), `Difference ${marks.indexOf(tick) + 1} of ${marks.length}: ${words}`);
     },
   });
-  find("at").after(make("select", {
-    "aria-label": "Speed", onchange: ({ target }) => (player.speed = Number(target.value)),
-  }, ...SPEEDS.map((times) => option(times, `×${times}`))));
-  bar.querySelector("select").value = String(player.speed);
   player.open({
     ticks: Math.max(...frames.map(({ length }) => length)), tick_s, marks,
     lanes: rounds.map(({ entry }, k) => [entry.parts, MARK_COLOUR, 9, k > 0]),

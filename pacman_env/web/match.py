@@ -380,6 +380,12 @@ class Match:
     def _record(self, played: PlayedRound) -> None:
         scene, self._last_seed = self.scene, played.seed
         words = self.recordings.keep(
-            played, map=self._rules.map, round=self._controller.round, revision=scene.revision, link=scene.facts["link"]
+            played,
+            map=self._rules.map,
+            hash=played.assets.occupancy.hash,
+            configuration=played.config.hash,
+            round=self._controller.round,
+            revision=scene.revision,
+            link=scene.facts["link"],
         )
         self._news.add(story=self.recordings.count, words=words)

@@ -7,6 +7,8 @@ import { FORWARD_LEFT } from "./steering.js";
 
 const STEP_M = 0.2;
 const PAN_PX = 60;
+const SIDEWAYS = 1.5;
+const WIDEST = 2; // metres to the side per metre ahead, within which a pellet lies in a direction
 const NEAREST = 9; // pellets in the list, one by key
 const LIST_MS = 500;
 
@@ -47,7 +49,12 @@ export class Choosing {
     if (defaultPrevented || story || !isShortcut(event)) return; // keys that steer are no choice
     const pointing = posing || placing || role.startsWith("ghost");
     const onMap = target === $("top");
-    if (role === "robot" && /^Digit[1-9]$/.test(code)) {
+    const movesFocus = target?.matches?.("input[type=range], [role=tab]");
+    if (role === "robot" && key.startsWith("Arrow") && !placing && !movesFocus) {
+      event.preventDefault();
+      const candidate = this.#pelletTowards(FORWARD_LEFT[key]);
+      if (candidate !== undefined) this.#goTo({ candidate });
+    } else if (role === "robot" && /^Digit[1-9]$/.test(code)) {
       const pellet = this.#nearestPellets()[Number(code.at(-1)) - 1];
       if (pellet) this.#goTo({ candidate: pellet.candidate });
     } else if (onMap && key.startsWith("Arrow")) {
@@ -59,6 +66,23 @@ export class Choosing {
       this.#choose({ world: this.map.cross, candidate: -1 });
       this.map.hideCross();
     }
+  }
+
+  // The next pellet in a direction on the screen ([up, left]) from the robot, or from its goal if that is the next one:
+  // the nearest, where a metre to the side counts as SIDEWAYS metres.
+  #pelletTowards([up, left]) {
+    const { scene, frame } = this.state;
+    const pose = robotPose(frame);
+    if (!scene || !pose) return undefined;
+    const towards = (origin) => scene.pellets.map((place, candidate) => {
+      const [from, to] = [origin, place].map(([x, y]) => this.map.view.toScreen(x, y));
+      const [right, down] = [to[0] - from[0], to[1] - from[1]];
+      const [ahead, aside] = up ? [-up * down, Math.abs(right)] : [-left * right, Math.abs(down)];
+      return { candidate, ahead, aside, cost: ahead + SIDEWAYS * aside };
+    }).filter(({ candidate, ahead, aside }) => frame.alive[candidate] && ahead > 1 && aside < WIDEST * ahead)
+      .sort((a, b) => a.cost - b.cost)[0]?.candidate;
+    const first = towards(pose);
+    return first === frame.goal && first !== undefined ? towards(scene.pellets[first]) ?? first : first;
   }
 
   #nearestPellets() {

@@ -17,7 +17,7 @@ const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request
 
 // The figures at the top by id: name, and value in the shown and the newest frame; hidden if undefined.
 const FIGURES = {
-  score: ["Score", ({ score }) => (state.story ? "–" : score)],
+  score: ["Score", ({ score }) => (state.story || state.demo ? "–" : score)],
   pellets: ["Pellets", ({ collected, spawned }) => (spawned ? `${collected}/${spawned}` : "–")],
   caught: ["Ghosts", (frame) => frame.ghosts_caught],
   time: ["Time", (frame) => clock(frame.time_s)],
@@ -30,6 +30,7 @@ $("figures").append(...Object.entries(FIGURES).map(([id, [name]]) => (
 // The word of the game's state, and the kind that its colour follows.
 function stateOf(frame) {
   if (state.story) return ["Replay", "story"];
+  if (state.demo) return ["Demo ×4", "story"];
   if (frame.stopped) return ["Stopped", "stopped"];
   return [frame.paused && frame.state === "running" ? "Paused" : state.hello.states[frame.state], frame.state];
 }
@@ -78,6 +79,8 @@ function stopConfirmed() {
   dismiss("stop");
 }
 
+const byHand = () => (state.source === "ros" ? " Use the robot's own buttons." : "");
+
 async function stop() {
   stopPending = true;
   for (let k = 0; k < STOP_TRIES && stopPending && isOpen(); k++) {
@@ -90,15 +93,26 @@ async function stop() {
   if (!stopPending) return;
   $("lost").classList.add("loud");
   if (!isOpen()) {
-    write($("lost"), "STOP was NOT delivered: no connection. Use the robot's own buttons. "
-      + "STOP is sent as soon as the connection is back.");
+    write($("lost"), `STOP was NOT delivered: no connection.${byHand()} STOP is sent as soon as the connection is back.`);
     $("lost").hidden = false;
   }
-  notice("STOP was NOT confirmed. Use the robot's own buttons.", { bad: true, stays: true, key: "stop" });
+  notice(`STOP was NOT confirmed.${byHand()}`, { bad: true, stays: true, key: "stop" });
 }
 
 $("stop").onclick = stop;
-addEventListener("keydown", ({ key, repeat }) => key === "Escape" && !repeat && stop());
+
+// What Escape closes in the simulator, and the button that does it; on the robot it always stops.
+const CLOSED_BY = {
+  "layers-list": "layers", guide: "guide-close", welcome: "welcome-close", end: "end-close", "story-bar": "story-close",
+};
+addEventListener("keydown", ({ key, repeat, defaultPrevented }) => {
+  if (key !== "Escape" || repeat) return;
+  const open = Object.keys(CLOSED_BY).find((id) => !$(id).hidden);
+  if (state.source === "ros") stop();
+  else if (defaultPrevented || $("ask").open) return; // it closes itself
+  else if (open) $(CLOSED_BY[open]).click();
+  else stop();
+});
 $("release").onclick = async () => await request({ do: "release" }) && dismiss("stopped");
 state.on("connection", () => state.connected && stopPending && stop());
 state.on("frame", ({ stopped }) => {

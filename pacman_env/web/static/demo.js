@@ -1,16 +1,17 @@
 // The demo: while nobody plays, the map shows the prepared round as its policy plays it.
 
-import { $ } from "./dom.js";
+import { $, stored } from "./dom.js";
 
 const SPEED = 4; // times real time
 const IDLE_MS = 30000; // after the last action of a person who has control
 const END_MS = 2500; // for which the last frame is shown
 const CHECK_MS = 250;
+const SEEN = "pacman_env.seen"; // in the browser's store, once the card was closed
 const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Demo {
-  refused = false; // its card was closed
   #acted = -Infinity; // time of the last action
+  #closed = false; // by its card's button
   #timer = 0;
   #asked = 0; // revision of the scene whose demo was requested last
 
@@ -23,31 +24,41 @@ export class Demo {
     setInterval(() => this.#check(), CHECK_MS);
   }
 
+  // Ends the demo until the page is loaded again; on a robot for all later visits.
+  close() {
+    this.#closed = true;
+    stored("localStorage", SEEN, "yes");
+    this.#check();
+  }
+
   // Whether nobody plays and nothing else is shown.
   get #isIdle() {
     const { connected, source, scene, frame, role, story, posing, placing, people, me } = this.state;
     const controlled = people.operator !== null
       && (people.operator !== me || performance.now() - this.#acted < IDLE_MS);
-    return connected && source === "simulator" && scene?.preparing === false && frame?.state === "menu"
-      && !frame.stopped && role === "none" && !story && !posing && !placing && !controlled && !$("ask").open;
+    const welcome = source === "simulator" || !stored("localStorage", SEEN);
+    return welcome && connected && scene?.preparing === false && frame?.state === "menu" && !frame.stopped
+      && role === "none" && !story && !posing && !placing && !controlled && !$("ask").open && !this.#closed;
   }
 
   #check() {
-    const { demo, scene } = this.state;
-    const idle = this.#isIdle && !this.refused && !stillWanted.matches;
+    const { state } = this;
+    const { demo, scene, invites } = state;
+    const idle = this.#isIdle;
+    if (idle !== invites) state.emit("demo", (state.invites = idle));
     if (demo && (!idle || demo.scene !== scene)) this.#end();
     else if (!demo && idle && this.#asked !== scene.revision) this.#begin(scene);
   }
 
   async #begin(scene) {
     this.#asked = scene.revision;
+    if (stillWanted.matches || this.state.source === "ros") return;
     const frames = await this.game.fetchFrames(0).catch(() => null);
     if (!frames || !this.#isIdle || this.state.scene !== scene) {
       this.#asked = 0;
       return;
     }
     this.state.demo = { frames, scene, index: -1 };
-    this.state.emit("demo", true);
     this.#advance();
   }
 
@@ -67,7 +78,6 @@ export class Demo {
     clearTimeout(this.#timer);
     this.#asked = 0;
     this.state.demo = null;
-    this.state.emit("demo", false);
     if (this.state.frame && !this.state.story) this.map.showFrame(this.state.frame, { jump: true });
   }
 }

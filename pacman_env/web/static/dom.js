@@ -103,6 +103,13 @@ export function slider(input, describe, send, wait_ms) {
 export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
   || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea"));
 
+// Focuses the map, or another element, if the focused element is the map or can no longer be used.
+export function focusMap(element = $("top")) {
+  const { activeElement: now, body } = document;
+  const free = !now || now === body || now === $("top") || now.disabled || !now.offsetParent;
+  if (free) element.focus({ preventScroll: true });
+}
+
 // On a narrow page the panel leaves its place to the map.
 export function showMap() {
   if (narrow.matches) document.body.classList.remove("panel-open");

@@ -7,6 +7,9 @@ const FULL = 2 * Math.PI;
 const HOME = [[0, -1], [1, -0.1], [0.65, -0.1], [0.65, 0.8], [-0.65, 0.8], [-0.65, -0.1], [-1, -0.1]];
 const DIAMOND = [[0, -1.25], [1, 0], [0, 1.25], [-1, 0]];
 const OCTAGON = Array.from({ length: 8 }, (_, k) => [Math.cos(FULL * (k + 0.5) / 8), Math.sin(FULL * (k + 0.5) / 8)]);
+const RED = "#e02434";
+const RAYS = 12;
+const OPENED_UP = 5.8; // mouth that spans the whole circle
 const POWER = 1.8; // size of a power pellet relative to a pellet
 const BLINK_MS = 500; // half blue and half white
 const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
@@ -103,7 +106,7 @@ export function drawPlaces(painter, { home, refuges }, colours) {
 }
 
 export function drawTop(painter, shown) {
-  const { scene, frame, poses, trail, layers, colours, candidate, numbered, mine, cross, mouth } = shown;
+  const { scene, frame, poses, trail, layers, colours, candidate, numbered, mine, cross, mouth, finale } = shown;
   const { context, view } = painter;
   context.clearRect(0, 0, view.width, view.height);
   if (!scene || !frame) return;
@@ -126,7 +129,7 @@ export function drawTop(painter, shown) {
   }
   if (pointed) painter.circle(pointed, ring + 7, { stroke: colours.goal, width: 2.5 });
   if (layers.lidar && poses.robot) drawScan(painter, frame.scan, poses.robot, colours.lidar);
-  poses.ghosts.forEach((pose, k) => drawTarget(painter, pose, frame.ghost_goals?.[k], scene.ghosts[k]?.colour, colours));
+  scene.ghosts.forEach(({ colour }, k) => drawTarget(painter, frame.ghost_goals?.[k], colour, colours));
   poses.ghosts.forEach((pose, k) => {
     drawGhost(painter, pose, { ...scene.ghosts[k], ...lookOf(frame, scene.power, k) }, layers, colours,
       mine === `ghost-${k}`);
@@ -138,12 +141,14 @@ export function drawTop(painter, shown) {
     const covered = screen(poses.robot ? [poses.robot] : []).some((at) => Math.hypot(x - at[0], y - at[1]) < radius);
     if (layers.names && !covered) painter.text(scene.policy ?? "", [x, y + radius + 13], colours.ink, "600", colours.halo);
   }
-  if (poses.robot) drawPacMan(painter, poses.robot, radius, mouth, { fill: colours.robot, stroke: colours.rim });
+  const opened = finale && !finale.won ? mouth + (OPENED_UP - mouth) * finale.share : mouth; // until nothing is left
+  if (poses.robot) drawPacMan(painter, poses.robot, radius, opened, { fill: colours.robot, stroke: colours.rim });
+  if (poses.robot && finale) drawFinale(painter, view.toScreen(...poses.robot), radius, finale, colours);
   if (layers.believed && poses.believed && poses.true) drawBelieved(painter, poses.believed, radius, colours.believed);
   if (poses.robot) {
     const at = view.toScreen(...poses.robot);
     if (mine === "robot") painter.circle(at, radius + 5, { stroke: colours.goal, dash: [3, 3] });
-    if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: "#e02434", width: 4 });
+    if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: RED, width: 4 });
   }
   if (numbered) drawNumbers(painter, scene, frame, colours);
   for (const [x, y, points] of frame.points ?? []) {
@@ -211,6 +216,19 @@ function drawPacMan(painter, [worldX, worldY, yaw], radius, mouth, style) {
   }, style);
 }
 
+// The end of a round: a win opens rings and a star of rays, a catch one red ring; `share` of it is over.
+function drawFinale(painter, [x, y], radius, { won, share }, colours) {
+  const stroke = won ? colours.robot : RED;
+  const reach = radius * (1.3 + 5 * share);
+  painter.circle([x, y], reach, { stroke, width: 5, alpha: 1 - 0.8 * share });
+  for (let k = 0; k < RAYS; k++) {
+    const [dx, dy] = [Math.cos(FULL * k / RAYS), Math.sin(FULL * k / RAYS)];
+    const [from, to] = won ? [0.7 * reach, reach * 1.4] : [1.1 * radius, radius * (1.1 + 1.5 * share)];
+    const ray = [[x + from * dx, y + from * dy], [x + to * dx, y + to * dy]];
+    painter.line(ray, { stroke, width: 4, alpha: 1 - 0.8 * share, cap: "round" });
+  }
+}
+
 function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
   const [x, y] = painter.view.toScreen(worldX, worldY);
   const heading = yaw + painter.view.turn;
@@ -219,12 +237,11 @@ function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
   painter.line([[x + dx, y + dy], [x + 1.6 * dx, y + 1.6 * dy]], { stroke, width: 1.8 });
 }
 
-// Where a person has sent a ghost: a cross in a ring, and the straight line from the ghost.
-function drawTarget(painter, pose, goal, colour, colours) {
+// Where a person has sent a ghost: a cross in a ring.
+function drawTarget(painter, goal, colour, colours) {
   if (!goal || goal[0] === null) return;
   const at = painter.view.toScreen(...goal);
   const stroke = colour ? css(colour) : colours.home;
-  painter.line([painter.view.toScreen(...pose), at], { stroke, width: 2, alpha: 0.7, dash: [2, 6], cap: "round" });
   for (const style of [{ stroke: colours.halo, width: 6 }, { stroke, width: 3 }]) {
     drawCross(painter, at, painter.size(0.14, 8, 24), style);
   }

@@ -1,19 +1,22 @@
 // The card at the end of a round: its result, and what to do next. Best times and streaks are kept in the browser.
 
 import { request } from "./connection.js";
-import { $, clock, counted, make, stored, write, writeOrHide } from "./dom.js";
+import { $, clock, counted, focusMap, make, stored, write, writeOrHide } from "./dom.js";
 import { state } from "./page.js";
 
 const KEY = "pacman_env.best";
 const ROUND_TIMEOUT_MS = 120000;
 const NEXT = { // words of the main button, by what it starts
   retry: () => "Try again",
+  shared: () => "Play this round",
   game: () => "New game",
   level: (number) => `Level ${number}`,
   round: (number) => (number > 1 ? `Round ${number}, faster ghosts` : "Next round"),
 };
 
 let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
+let isShared = false; // somebody else's round, opened by a link
+let hooks = {}; // of the card's buttons: `moment`, `worse`, `share` and `play`, called with the entry
 let lastState = "";
 let last = {}; // frame of the round's end: at home, lives and level are of the next round
 
@@ -49,17 +52,20 @@ const close = () => {
   $("end").hidden = true;
 };
 
-// Shows how a round has ended.
-export function showResult(entry) {
-  ended = entry;
+// Shows how a round has ended, or a round that a link has opened.
+export function showResult(entry, shared = false) {
+  [ended, isShared] = [entry, shared];
   const { collected, spawned, time_s: time, ghosts_caught: caught, story, second } = entry;
   const text = `${collected} of ${spawned} pellets${caught ? ` and ${counted(caught, "ghost")}` : ""} in ${clock(time)}`;
   $("result").replaceChildren(make("strong", { text: titleOf(entry) }), text);
   $("end").dataset.won = String(isWon(entry));
   writeOrHide($("end-other"), second ? comparison(entry) : "");
-  writeOrHide($("end-best"), story ? recordsWith(entry) : "");
-  $("end").hidden = Boolean(state.story);
+  writeOrHide($("end-best"), story && !shared ? recordsWith(entry) : "");
+  $("end").hidden = Boolean(state.story) && !shared;
   showActions();
+  if (shared) return;
+  state.emit("ended", isWon(entry));
+  if (state.role !== "none") focusMap($("end-next"));
 }
 
 // The game of the person who plays the robot has levels and three lives; for all others it is a row of rounds.
@@ -69,6 +75,7 @@ const playsRobot = () => state.role === "robot" && state.frame.lives !== undefin
 function nextLine({ result, player }) {
   if (!state.mayControl) return state.people.operator ? `${state.people.operator} starts the next round.` : "";
   const { lives, round, score } = last;
+  if (isShared) return "";
   if (!playsRobot() || lives === undefined || player !== "person" || result !== "caught") return "";
   if (!lives) return `Game over in level ${round}, score ${score}.`;
   return `${lives === 1 ? "One life" : `${lives} lives`} left: try level ${round} again.`;
@@ -78,6 +85,7 @@ function nextLine({ result, player }) {
 function next() {
   const { round, state: now } = state.frame;
   const number = isPlayersWin(ended) && now !== "menu" ? round + 1 : round; // it counts up at home
+  if (isShared) return ["shared", number];
   if (!playsRobot()) return ["round", number];
   if (isPlayersWin(ended)) return ["level", number];
   return [ended.result === "caught" && last.lives ? "retry" : "game", number];
@@ -90,8 +98,11 @@ function showActions() {
   writeOrHide($("end-lives"), nextLine(ended));
   $("end-next").hidden = !state.mayControl;
   $("end-next").dataset.starts = what;
-  $("end-again").hidden = noStory || !state.mayControl || state.frame.lives !== undefined; // levels are another game
-  $("end-moment").hidden = noStory;
+  $("end-again").hidden = noStory || !state.mayControl || isShared;
+  $("end-moment").hidden = $("end-share").hidden = noStory;
+  const worse = ended.worse?.length ?? 0;
+  $("end-worse").hidden = noStory || !worse;
+  write($("end-worse"), counted(worse, "risky goal"));
   const byPerson = ended.player === "person" || ended.ghosts_played?.length > 0; // no policy can repeat the round
   $("end-compare").hidden = !second || second === first || byPerson || !state.mayControl || !$("end-other").hidden;
   write($("end-compare"), `How does ${second} do?`);
@@ -124,18 +135,18 @@ $("end-compare").onclick = async () => {
   writeOrHide($("end-other"), answer && (answer.data ? otherWords(entry.policies[1], answer.data) : unlike));
   showActions();
 };
-$("end-again").onclick = async () => {
+$("end-again").onclick = () => {
   close();
-  if (await request({ do: "setup", seed: ended.seed }, ROUND_TIMEOUT_MS)) request({ do: "start" });
+  request({ do: "start", same: true }, ROUND_TIMEOUT_MS);
 };
 $("end-next").onclick = () => {
   close();
-  request({ do: "start" });
+  if (isShared) hooks.play(ended);
+  else request({ do: "start" }, ROUND_TIMEOUT_MS);
 };
 $("end-close").onclick = close;
-export const onMoment = (open) => {
-  $("end-moment").onclick = () => open(ended);
-};
+for (const name of ["moment", "worse", "share"]) $(`end-${name}`).onclick = () => hooks[name](ended);
+export const setHooks = (given) => (hooks = given);
 
 state.on("frame", (frame) => {
   if (["dying", "returning_home"].includes(frame.state)) last = frame;
@@ -147,4 +158,5 @@ state.on("frame", (frame) => {
   if (!$("end").hidden) showActions();
 });
 state.on("scene people role", () => $("end").hidden || showActions());
-state.on("story", (story) => story && close());
+state.on("story", (story) => story && !isShared && close());
+state.on("demo", (invites) => invites && close());

@@ -1,35 +1,71 @@
-// Links of rounds: the setup behind the # of the page's address.
+// Links and files of rounds: the setup, and what people ordered, behind the # of the page's address.
 
-import { $ } from "./dom.js";
+import { $, make } from "./dom.js";
+import { showResult } from "./end.js";
 import { notice, question } from "./notices.js";
 
 const REPLAY_TIMEOUT_MS = 180000;
-const NO_LINK = "This round cannot be reproduced by a link: a person played in it, or a ghost was placed by hand.";
+const FORMAT = "pacman_env round";
 
-const fieldsOf = (hash) => Object.fromEntries(new URLSearchParams(hash.slice(1)));
+const fieldsOf = (hash) => Object.fromEntries(new URLSearchParams(hash.replace(/^#/, "")));
+const pack = (value) => btoa(JSON.stringify(value)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+const unpack = (text) => JSON.parse(atob(text.replaceAll("-", "+").replaceAll("_", "/")));
 
 export class Links {
   constructor(state, game, stories) {
     Object.assign(this, { state, game, stories });
-    $("story-share").onclick = () => this.#copy(state.story.entry.link, `&tick=${state.story.index}`);
+    $("story-share").onclick = () => this.copy(state.story.entry, `&tick=${state.story.index}`);
+    $("story-save").onclick = () => this.#save(state.story.entry);
     $("share").onclick = () => this.#copy(state.scene?.link);
+    $("story-file").onchange = ({ target }) => this.#load(target);
     addEventListener("hashchange", () => this.follow());
   }
 
+  // The part of an address behind the # that repeats a round: with orders of people if there were any.
+  #linkOf({ link, moves, hash }) {
+    const { version } = this.state.hello;
+    return moves?.orders || moves?.placed ? `${link}&hash=${hash}&version=${version}&moves=${pack(moves)}` : link;
+  }
+
+  copy(entry, tick = "") {
+    return this.#copy(this.#linkOf(entry) + tick);
+  }
+
   // Copies the address of a round without the token.
-  async #copy(link, tick = "") {
-    if (!link) {
-      notice(NO_LINK);
-      return;
-    }
+  async #copy(link) {
     const hint = this.game.token ? " It contains no token: other users need their own." : "";
-    history.replaceState(null, "", `#${link}${tick}`);
+    history.replaceState(null, "", `#${link}`);
     try {
-      await navigator.clipboard.writeText(`${location.origin}${location.pathname}#${link}${tick}`);
+      await navigator.clipboard.writeText(`${location.origin}${location.pathname}#${link}`);
       notice(`Link copied.${hint}`);
     } catch {
       notice(`The link is in the address bar.${hint}`);
     }
+  }
+
+  #save(entry) {
+    const { story, result, collected, spawned, time_s, map, seed, configuration, hash } = entry;
+    const round = {
+      format: FORMAT, version: this.state.hello.version, map, hash, configuration, seed, result, collected, spawned,
+      time_s, link: this.#linkOf(entry),
+    };
+    const url = URL.createObjectURL(new Blob([JSON.stringify(round, null, 1)], { type: "application/json" }));
+    make("a", { href: url, download: `round-${story}.json` }).click();
+    setTimeout(() => URL.revokeObjectURL(url), 1000);
+  }
+
+  async #load(input) {
+    const [file] = input.files;
+    let round = null;
+    try {
+      round = JSON.parse(await file.text());
+    } catch {
+      // the next line says it
+    }
+    if (round?.format !== FORMAT || typeof round.link !== "string") {
+      notice(`${file.name} is no round that this page has saved.`, { bad: true });
+    } else await this.follow(`${round.link}&tick=0`);
+    input.value = "";
   }
 
   #settingOf(name, text) {
@@ -38,22 +74,28 @@ export class Links {
     return type === "bool" ? text.toLowerCase() === "true" : text;
   }
 
-  // The setup that the server wrote behind the # of a link; null if it is no round.
-  #read() {
-    const fields = fieldsOf(location.hash);
-    const { seed, level, tick, clyde, ghosts, map, preset, policy, second } = fields;
+  // The setup of a link; null if it is no round.
+  #setupOf(link) {
+    const fields = fieldsOf(link);
+    const { seed, level, tick, clyde, ghosts, map, preset, policy, second, moves } = fields;
     if (seed === undefined) return null;
     const set = Object.entries(fields).filter(([field]) => field.startsWith("set."))
       .map(([field, value]) => [field.slice(4), this.#settingOf(field.slice(4), value)]);
     return {
-      do: "setup", finish: tick !== undefined, seed: Number(seed), level: level && Number(level), map, preset, policy,
-      second, clyde_mps: clyde && Number(clyde), ghosts: ghosts?.split(","), settings: Object.fromEntries(set),
+      do: "setup", finish: (tick ?? moves) !== undefined, seed: Number(seed), level: level && Number(level), map, preset,
+      policy, second, clyde_mps: clyde && Number(clyde), ghosts: ghosts?.split(","), settings: Object.fromEntries(set),
+      moves: moves && unpack(moves),
     };
   }
 
-  // Prepares the round of the address; if it names a tick, plays the round to its end and opens it there.
-  async follow() {
-    const message = this.#read();
+  // Prepares the round of a link; if it names a tick or contains orders, plays the round to its end and opens it.
+  async follow(link = location.hash) {
+    let message = null;
+    try {
+      message = this.#setupOf(link);
+    } catch {
+      notice("The link is damaged: copy it again.", { bad: true });
+    }
     if (!message) return;
     const { frame, people } = this.state;
     const busy = (frame && frame.state !== "menu") || Object.values(people.roles).some(Boolean);
@@ -62,8 +104,28 @@ export class Links {
     const answer = await this.game.request(message, REPLAY_TIMEOUT_MS);
     hide();
     if (!answer) return;
-    const tick = Number(fieldsOf(location.hash).tick);
-    if (answer.data?.story) await this.stories.open(answer.data.story, tick || 0);
+    if (answer.data?.story) await this.#open(answer.data.story, fieldsOf(link));
     else notice("The linked round is ready: press Start.");
+  }
+
+  async #open(story, { tick, moves, version, hash }) {
+    await this.stories.open(story, Number(tick) || 0);
+    const { entry } = this.state.story ?? {};
+    if (!entry || moves === undefined) return;
+    if (hash !== entry.hash) notice(`The map ${entry.map} is another one here: the round differs.`, { bad: true });
+    else if (version !== this.state.hello.version) notice(`Recorded with version ${version}: the round may differ.`);
+    showResult(entry, true);
+  }
+
+  // Lets the person of this page play the robot in the round of an entry: from its start, or from a moment on.
+  async play(entry, more = {}) {
+    await this.stories.close();
+    if (!await this.game.request({ do: "role", role: "robot" })) return;
+    const setup = { ...this.#setupOf(entry.link), ...more, finish: false };
+    if (await this.game.request(setup, REPLAY_TIMEOUT_MS)) await this.game.request({ do: "start" });
+  }
+
+  tryMoment(entry, tick) {
+    return this.play(entry, { moves: entry.moves, until: tick });
   }
 }

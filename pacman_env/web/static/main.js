@@ -7,9 +7,8 @@ import "./controls.js";
 import { Demo } from "./demo.js";
 import { $, clock, facts, isShortcut, make, narrow, setIcons, write } from "./dom.js";
 import { sounds } from "./effects.js";
-import { onMoment, showResult } from "./end.js";
+import { setHooks, showResult } from "./end.js";
 import { Guide } from "./guide.js";
-import { Links } from "./links.js";
 import { GameMap } from "./map.js";
 import { setUpMapControls } from "./map_controls.js";
 import { notice } from "./notices.js";
@@ -42,8 +41,12 @@ new WhyTable(document, state, (candidate) => {
 new Roles(state, game, new Steering(state, game));
 new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : placeGhost(place)));
 const stories = new Stories(state, game, map, showResult);
-onMoment((entry) => stories.openMoment(entry));
-const links = new Links(state, game, stories);
+const { links } = stories;
+setHooks({
+  moment: (entry) => stories.openMoment(entry), worse: (entry) => stories.openWorse(entry),
+  share: (entry) => links.copy(entry), play: (entry) => links.play(entry),
+});
+state.on("ended", (won) => map.showEnd(won));
 const guide = new Guide(state);
 new Welcome(state, game, new Demo(state, game, map));
 window.pacman = { count: state.count, state, sounds, view: map.view };

@@ -14,6 +14,9 @@ export const LAYERS = {
 };
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
+const FINALE_MS = 1000; // length of the scene at the end of a round
+const STILL_SHARE = 0.4; // of the scene that a page without motion shows
+const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 const NEAR_PX = 24; // between a click and what it means
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -27,6 +30,7 @@ export class GameMap {
   #baseChanged = true;
   #request = 0;
   #trail = [];
+  #finale = null; // scene at the end of a round: {won, since}
   #driven = 0; // m, which opens and closes the mouth
   #base;
   #top;
@@ -154,6 +158,12 @@ export class GameMap {
     this.redraw(false);
   }
 
+  // Shows the end of a round for a second.
+  showEnd(won) {
+    this.#finale = { won, since: performance.now() };
+    this.redraw(false);
+  }
+
   // Whether a click at one of two places, m, can mean the other one.
   isNear(a, b) {
     return distance(a, b) * this.view.scale < NEAR_PX;
@@ -176,6 +186,12 @@ export class GameMap {
     if (!this.#request && !document.hidden) this.#request = requestAnimationFrame(() => this.#draw());
   }
 
+  #finaleAt(now) {
+    const share = this.#finale ? (now - this.#finale.since) / FINALE_MS : 1;
+    if (share >= 1) this.#finale = null;
+    return this.#finale && { won: this.#finale.won, share: stillWanted.matches ? STILL_SHARE : share };
+  }
+
   #draw() {
     this.#request = 0;
     const { state, view, layers } = this;
@@ -193,10 +209,10 @@ export class GameMap {
     drawTop(this.#top, {
       scene, frame, poses, trail, layers, colours, candidate: state.candidate,
       numbered: this.root.getElementById("panel-why").offsetParent, mine: state.story ? "none" : state.role,
-      cross: pointing ? this.cross ?? state.stands : null,
+      finale: this.#finaleAt(now), cross: pointing ? this.cross ?? state.stands : null,
       mouth: frame?.state === "running" ? 0.5 + 0.5 * Math.sin((this.#driven - ahead) * 22) : 0.75,
     });
     state.count.frames_drawn++;
-    if (this.#motion.moving(now)) this.redraw(false);
+    if (this.#motion.moving(now) || this.#finale) this.redraw(false);
   }
 }

@@ -1,6 +1,6 @@
 // Which controls can be used now, and why others cannot.
 
-import { $, writeOrHide } from "./dom.js";
+import { $, focusMap, writeOrHide } from "./dom.js";
 
 // Why an element with these needs cannot be used now; empty if it can.
 function obstacle(state, needs) {
@@ -12,8 +12,9 @@ function obstacle(state, needs) {
   if (needs.includes("control") && operator && operator !== state.me) {
     return `${operator} has control. You can ask for it.`;
   }
-  const { state: now = "menu", stopped } = state.frame ?? {};
-  if (needs.includes("menu") && now !== "menu") return "Only in the menu: press Reset first.";
+  const { state: now = "menu", stopped, over } = state.frame ?? {};
+  const ended = over && state.source === "simulator"; // there the show at the end can be skipped
+  if (needs.includes("menu") && now !== "menu" && !ended) return "Only in the menu: press Reset first.";
   return needs.includes("released") && stopped ? "Stopped: press Release first." : "";
 }
 
@@ -36,8 +37,10 @@ export function watchNeeds(state) {
   let gameState = "";
   state.on("hello people connection", update);
   state.on("frame", (frame) => {
-    const now = `${frame.state} ${frame.stopped}`;
-    if (now !== gameState) update();
+    const now = `${frame.state} ${frame.stopped} ${frame.over}`;
+    if (now === gameState) return;
+    update();
+    if (gameState) focusMap();
     gameState = now;
   });
   update();

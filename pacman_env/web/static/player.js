@@ -1,13 +1,14 @@
 // The time line of finished rounds: it shows a tick, plays, and jumps between marks.
 
-import { setIcon, write } from "./dom.js";
+import { option, setIcon, write } from "./dom.js";
 
+const SPEEDS = [0.5, 1, 2, 4, 8, 16];
 const LONGEST_STEP_MS = 250; // between two pictures; after a longer break the rounds go on from where they were
 const THUMB_PX = 16; // of the slider
 const MARK_PX = 3;
 
 export class Player {
-  speed = 4; // times real time
+  #speed = 4; // times real time
   #find;
   #hooks;
   #round = { ticks: 1, tick_s: 1, marks: [], lanes: [] };
@@ -28,7 +29,15 @@ export class Player {
     this.#find("play").onclick = () => this.toggle();
     this.#find("previous").onclick = () => this.jump(-1);
     this.#find("next").onclick = () => this.jump(1);
+    this.#find("speed").append(...SPEEDS.map((times) => option(times, `×${times}`)));
+    this.#find("speed").onchange = ({ target }) => (this.#speed = Number(target.value));
+    this.speed = this.#speed;
     new ResizeObserver(() => this.#drawMarks()).observe(range);
+  }
+
+  set speed(times) {
+    this.#speed = times;
+    this.#find("speed").value = String(times);
   }
 
   get playing() { return this.#request !== 0; }
@@ -76,7 +85,7 @@ export class Player {
 
   #advance(now) {
     const passed_s = Math.min(LONGEST_STEP_MS, Math.max(0, now - this.#since)) / 1000;
-    const to = this.#at + (this.speed * passed_s) / this.#round.tick_s;
+    const to = this.#at + (this.#speed * passed_s) / this.#round.tick_s;
     this.#since = now;
     if (Math.floor(to) > Math.floor(this.#at)) this.seek(to, false);
     else this.#at = to;

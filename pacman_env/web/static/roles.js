@@ -10,7 +10,9 @@ function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role
   const left = role === "robot" ? Math.max(0, ...harmless.filter((_, k) => !away[k])) : harmless[ghost];
   if (left > 0 && role === "robot") return `catch the blue ghosts, ${Math.ceil(left)} s left`;
   if (left > 0) return away[ghost] > 0 ? `caught, back in ${Math.ceil(left)} s` : `frightened for ${Math.ceil(left)} s`;
-  const click = role === "robot" ? "click a pellet or use the arrow keys" : "click a place, or the robot to follow it";
+  const touch = matchMedia("(pointer: coarse)").matches;
+  const click = role !== "robot" ? `${touch ? "tap" : "click"} a place, or the robot to follow it`
+    : touch ? "tap a pellet" : "use the arrow keys or click a pellet";
   if (now !== "menu") return click;
   return $("start").disabled ? `wait for the start, then ${click}` : `press Start, then ${click}`;
 }

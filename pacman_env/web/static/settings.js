@@ -77,10 +77,9 @@ function showChanged() {
   write($("settings-count"), changed ? `${changed} changed` : String(rows.length));
 }
 
-// Here Escape clears the search, then leaves it, and is no STOP.
+// Here Escape clears the search, then leaves it; on the robot it is STOP, too.
 $("settings-search").onkeydown = (event) => {
   if (event.key !== "Escape") return;
-  event.stopPropagation();
   event.preventDefault();
   if (!event.target.value) event.target.blur();
   event.target.value = "";

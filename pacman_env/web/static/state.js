@@ -10,6 +10,7 @@ export class PageState {
   frame = null; // the newest of the game
   story = null; // the finished round that is open: {entry, frames, index, scene, trail}
   demo = null; // the round that is shown while nobody plays: {frames, index, scene}
+  invites = false; // whether nobody plays, so that the page offers to play
   role = "none";
   why = null;
   candidate = -1; // below the mouse pointer

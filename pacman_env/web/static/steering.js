@@ -39,9 +39,10 @@ export class Steering {
   }
 
   #press(event) {
-    const { role, story, placing } = this.state;
+    const { role, story, placing, source } = this.state;
     const movesFocus = event.target?.matches?.("input[type=range], [role=tab]");
     if (role !== "robot" || story || placing || movesFocus || !FORWARD_LEFT[event.code] || !isShortcut(event)) return;
+    if (source === "simulator" && event.code.startsWith("Arrow")) return; // they choose pellets
     event.preventDefault();
     this.#held.add(event.code);
     this.#drive();

@@ -1,6 +1,7 @@
 // Finished rounds: their list, and the one that is open.
 
 import { $, button, clock, counted, isShortcut, make, renderReleased, write } from "./dom.js";
+import { Links } from "./links.js";
 import { notice } from "./notices.js";
 import { Player } from "./player.js";
 import { robotPose } from "./state.js";
@@ -8,6 +9,7 @@ import { robotPose } from "./state.js";
 const EXPLAIN_DELAY_MS = 150;
 const DECIDED_TICKS = 4; // before a catch nothing can be changed any more
 const BEFORE_TICKS = 8; // shown before the decisive moment
+const MOMENT_S = 5; // least time for which the decisive moment is shown
 const NOT_KEPT = "Rounds of a robot are not kept here. Record them in a terminal: pacman-env ros record.";
 
 // The tick that decided a round: the last choice well before the robot was caught, or else where a ghost was nearest to
@@ -27,6 +29,8 @@ export class Stories {
 
   // `ended` is called with the entry of each round that ends.
   constructor(state, game, map, ended) {
+    const links = new Links(state, game, this);
+    this.links = links;
     Object.assign(this, { state, game, map });
     this.player = new Player(document, {
       show: (tick, jumps) => this.#show(tick, jumps),
@@ -41,6 +45,7 @@ export class Stories {
       if (entry) ended(entry);
     });
     state.on("tab", () => this.#explain());
+    $("story-again").onclick = () => links.tryMoment(state.story.entry, state.story.index);
     $("story-close").onclick = () => this.close();
     addEventListener("keydown", (event) => state.story && isShortcut(event) && this.player.press(event));
   }
@@ -127,12 +132,15 @@ export class Stories {
     this.#showList();
     if (!story) return;
     const { entry, frames } = story;
-    const [ticks, { decisions, parts }] = [frames.length, entry];
+    const [ticks, { decisions, parts: differing, worse = [], player }] = [frames.length, entry];
+    const parts = player === "person" ? [] : differing; // of a person's round the goals that ppo judges
+    const marks = [worse, parts, decisions].find((some) => some.length) ?? [];
     this.player.open({
       ticks, tick_s: (frames.at(-1).time_s - frames[0].time_s) / Math.max(1, ticks - 1),
-      marks: parts.length ? parts : decisions, // where the policies disagree, or else where the goal changes
-      lanes: [[decisions, "#7f8ba6", 6, true], [parts, "#e0407f", 9, false]],
+      marks, lanes: [[decisions, "#7f8ba6", 6, true], [parts, "#e0407f", 9, false], [worse, "#e0810f", 9, false]],
     });
+    for (const [name, some] of Object.entries({ worse, disagree: parts })) $(`legend-${name}`).hidden = !some.length;
+    $("story-again").hidden = player !== "person" || !this.state.mayControl;
     write($("story-title"), `Round ${entry.story}: ${this.#resultOf(entry).toLowerCase()}`);
     write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
   }
@@ -166,7 +174,16 @@ export class Stories {
     await this.open(entry.story);
     const { story } = this.state;
     if (story?.entry.story !== entry.story) return;
-    this.player.seek(Math.max(0, momentOf(entry, story.frames) - BEFORE_TICKS));
+    const { frames } = story;
+    const tick = momentOf(entry, frames) - BEFORE_TICKS;
+    const latest = frames.findIndex(({ time_s: s }) => s >= frames.at(-1).time_s - MOMENT_S); // enough is left from here
+    this.player.speed = latest > 0 ? 1 : 0.5;
+    this.player.seek(Math.max(0, Math.min(tick, latest - 1)));
     this.player.play();
+  }
+
+  // Opens a person's round at its first goal that was riskier than ppo's.
+  async openWorse(entry) {
+    await this.open(entry.story, entry.worse[0]);
   }
 }

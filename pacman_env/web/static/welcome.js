@@ -1,6 +1,6 @@
 // The card of the demo: play at once, or watch.
 
-import { $, stored } from "./dom.js";
+import { $, focusMap, stored } from "./dom.js";
 import { switchSound } from "./effects.js";
 
 const PLAY_SPEED = 3; // times real time
@@ -14,21 +14,12 @@ export class Welcome {
     $("play-clyde").onclick = () => this.#play("ghost-0");
     $("watch").onclick = () => game.request({ do: "start" });
     $("welcome-close").onclick = () => {
-      demo.refused = true;
-      $("welcome").hidden = true;
-      $("top").focus({ preventScroll: true });
+      demo.close();
+      focusMap();
     };
     $("play-sound").checked = stored("localStorage", KEY) !== "no";
     $("play-sound").onchange = ({ target }) => stored("localStorage", KEY, target.checked ? "yes" : "no");
-    state.on("demo scene frame people story role", () => this.#show());
-  }
-
-  // The card is shown with the demo, or with a still map if motion is not wanted.
-  #show() {
-    const { demo, frame, role, story, people, me, source } = this.state;
-    const free = frame?.state === "menu" && role === "none" && !story && [null, me].includes(people.operator);
-    if (demo) $("welcome").hidden = false;
-    else if (!free || source !== "simulator" || !$("end").hidden) $("welcome").hidden = true;
+    state.on("demo", (invites) => ($("welcome").hidden = !invites));
   }
 
   // Takes a role and starts a game that can be won, in one click.

@@ -117,11 +117,12 @@ export class WhyTable {
     this.#showCandidate();
   }
 
-  #showTable({ policies, rows, chosen, time_s: time }) {
+  #showTable({ policies, rows, chosen, goal, time_s: time }) {
     const disagree = policies.length > 1 && chosen[policies[0]] !== chosen[policies[1]];
+    const player = this.state.story?.entry.player === "person" ? ` The player: ${this.#nameOf(goal)}.` : "";
     this.#find("why-words").replaceChildren(
       disagree ? make("span", { class: "disagreement", text: "The policies disagree. " }) : "",
-      `At ${time.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${this.#nameOf(chosen[policy])}.`).join(" "),
+      `At ${time.toFixed(1)} s. ` + policies.map((policy) => `${policy}: ${this.#nameOf(chosen[policy])}.`).join(" ") + player,
     );
     const summaries = policies.map((policy) => summarise(rows, policy, this.#find("why-full").checked));
     const active = this.root.activeElement?.closest?.("#why-table tr")?.dataset.candidate;
