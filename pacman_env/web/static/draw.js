@@ -88,7 +88,7 @@ export function drawBase(painter, { picture, scene, colours }) {
   }
   drawPlaces(painter, scene, colours);
   const metres = view.scale > 90 ? 0.5 : view.scale > 22 ? 1 : 5;
-  const [right, y] = [view.width - 16, view.height - view.inset - 14];
+  const [right, y] = [view.free.x1 - 16, view.free.y1 - 14];
   const left = right - metres * view.scale;
   painter.line([[left, y - 4], [left, y], [right, y], [right, y - 4]], { stroke: colours.home });
   painter.text(`${metres} m`, [(left + right) / 2, y - 6], colours.home, "");

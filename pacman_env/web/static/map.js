@@ -1,7 +1,7 @@
 // The live map: canvases, view, layers, and when to draw.
 
 import { palette } from "./colours.js";
-import { $, make, narrow } from "./dom.js";
+import { $, make } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
 import { Motion } from "./motion.js";
 import { notice } from "./notices.js";
@@ -15,7 +15,9 @@ const LAYERS = Object.entries({
 });
 const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
-const BUTTONS_PX = 50; // height of the row of buttons on a telephone
+const SPANS = 0.6; // share of the map's width or height from which a card covers a whole side
+const SMALL = 0.08; // share of the map's area below which a card covers nothing
+const LEAST_FREE = 0.4; // share of the map's width or height that cards leave free, or else they are ignored
 export const NEAR_PX = 24; // between a click and what it means
 
 export const view = new View();
@@ -39,8 +41,6 @@ function resize() {
     context.canvas.height = Math.round(height * ratio);
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
   }
-  const row = narrow.matches && innerHeight > 480 && !document.body.classList.contains("panel-open");
-  view.insetTop = row ? BUTTONS_PX : 0;
   view.resize(width, height);
   redraw();
 }
@@ -50,10 +50,36 @@ export function zoom(times) {
   redraw();
 }
 
-// So many pixels at the bottom are covered.
-export function cover(inset) {
-  view.inset = inset;
+// What covers the map: rectangles of its shown elements with the attribute `data-covers`, in pixels of the map.
+function cards() {
+  const { left, top } = $("map").getBoundingClientRect();
+  return [...$("map").querySelectorAll("[data-covers]")].map((card) => card.getBoundingClientRect())
+    .map((card) => ({ x0: card.left - left, x1: card.right - left, y0: card.top - top, y1: card.bottom - top }))
+    .filter(({ x0, x1, y0, y1 }) => (x1 - x0 > SPANS * view.width && y1 > y0) || (y1 - y0 > SPANS * view.height && x1 > x0)
+      || (x1 - x0) * (y1 - y0) > SMALL * view.width * view.height);
+}
+
+function insetsOf(shown) {
+  const { width, height } = view;
+  const insets = { top: 0, right: 0, bottom: 0, left: 0 };
+  const add = (side, pixels) => (insets[side] = Math.max(insets[side], pixels));
+  for (const { x0, x1, y0, y1 } of shown) {
+    if (x1 - x0 > SPANS * width) y0 + y1 < height ? add("top", y1) : add("bottom", height - y0);
+    else x0 + x1 < width ? add("left", x1) : add("right", width - x0);
+  }
+  if (height - insets.top - insets.bottom < LEAST_FREE * height) insets.top = insets.bottom = 0;
+  if (width - insets.left - insets.right < LEAST_FREE * width) insets.left = insets.right = 0;
+  return insets;
+}
+
+// Fits the map into what the cards leave free; a map that is not fitted moves only if a card covers the robot.
+function arrange() {
+  const shown = cards();
+  view.insets = insetsOf(shown);
+  const { robot } = motion.at(performance.now());
+  const [x, y] = robot ? view.toScreen(...robot) : [];
   if (view.fitted) view.fit();
+  else if (shown.some(({ x0, x1, y0, y1 }) => x > x0 && x < x1 && y > y0 && y < y1)) view.centre(...robot);
   redraw();
 }
 
@@ -154,8 +180,8 @@ function draw() {
   request = 0;
   const now = performance.now();
   const poses = motion.at(now);
-  if (view.following && poses.robot && distance(poses.robot, [view.x, view.y]) * view.scale > 0.3) {
-    [view.x, view.y] = poses.robot;
+  if (view.following && poses.robot && distance(view.toScreen(...poses.robot), view.middle) > 0.3) {
+    view.centre(...poses.robot);
     baseChanged = true;
   }
   const [scene, frame, colours] = [shownScene(), motion.to, palette()];
@@ -211,5 +237,9 @@ $("layers-list").append(...LAYERS.map(([name, text]) => make("label", { class: "
   },
 }), make("span", { text }))));
 on("candidate role placing tab", () => redraw(false));
-new ResizeObserver(resize).observe($("map"));
+const sizes = new ResizeObserver((changes) => { // also of an element that is shown or hidden
+  if (changes.some(({ target }) => target === $("map"))) resize();
+  arrange();
+});
+for (const element of [$("map"), ...$("map").querySelectorAll("[data-covers]")]) sizes.observe(element);
 resize();

@@ -90,7 +90,6 @@ async function open(number, tick = 0) {
   write($("story-title"), `Round ${entry.story}: ${resultOf(entry).toLowerCase()}`);
   write($("story-parts"), entry.policies ? `(${entry.policies.join(" and ")})` : "");
   await map.showScene(scene);
-  map.cover($("story-bar").offsetHeight + 8);
   seek(tick);
 }
 
@@ -99,7 +98,6 @@ async function close() {
   pause();
   state.story = null;
   showBar(false);
-  map.cover(0);
   emit("why", (state.why = null));
   emit("story", null);
   await map.showScene(state.scene);

@@ -11,12 +11,22 @@ export class View {
   y = 0;
   width = 1;
   height = 1;
-  inset = 0; // pixels at the bottom that something covers
-  insetTop = 0; // and at the top
+  insets = { top: 0, right: 0, bottom: 0, left: 0 }; // pixels that something covers
   turn = 0; // rad, counter-clockwise: a quarter on a portrait screen, if the plan is wider than high
   bounds = [-5, -5, 5, 5];
   fitted = true;
   following = false;
+
+  // The free rectangle and its middle.
+  get free() {
+    const { top, right, bottom, left } = this.insets;
+    return { x0: left, y0: top, x1: this.width - right, y1: this.height - bottom };
+  }
+
+  get middle() {
+    const { x0, y0, x1, y1 } = this.free;
+    return [(x0 + x1) / 2, (y0 + y1) / 2];
+  }
 
   // A step to the right and up on the screen, in the same unit on the map.
   along(right, up) {
@@ -34,9 +44,9 @@ export class View {
   }
 
   #fitScale() {
-    const [x0, y0, x1, y1] = this.bounds;
+    const [[x0, y0, x1, y1], free] = [this.bounds, this.free];
     const margin = this.width < 600 ? 14 : 36;
-    const [width, height] = [this.width - 2 * margin, this.height - this.inset - this.insetTop - 2 * margin];
+    const [width, height] = [free.x1 - free.x0 - 2 * margin, free.y1 - free.y0 - 2 * margin];
     const [across, down] = this.turn ? [y1 - y0, x1 - x0] : [x1 - x0, y1 - y0];
     return Math.max(4, Math.min(width / across, height / down));
   }
@@ -44,10 +54,16 @@ export class View {
   fit() {
     const [x0, y0, x1, y1] = this.bounds;
     this.turn = portrait.matches && x1 - x0 > LANDSCAPE * (y1 - y0) ? Math.PI / 2 : 0;
-    [this.x, this.y] = [(x0 + x1) / 2, (y0 + y1) / 2];
     this.scale = this.#fitScale();
-    this.pan(0, (this.insetTop - this.inset) / 2);
+    this.centre((x0 + x1) / 2, (y0 + y1) / 2);
     this.fitted = true;
+  }
+
+  // Shows a place in the middle of the free rectangle.
+  centre(x, y) {
+    [this.x, this.y] = [x, y];
+    const [px, py] = this.middle;
+    this.pan(px - this.width / 2, py - this.height / 2);
   }
 
   resize(width, height) {
@@ -55,7 +71,7 @@ export class View {
     if (this.fitted) this.fit();
   }
 
-  zoom(times, px = this.width / 2, py = this.height / 2) {
+  zoom(times, [px, py] = this.middle) {
     const fixed = this.toWorld(px, py);
     this.scale = Math.min(400, Math.max(0.5 * this.#fitScale(), this.scale * times));
     const moved = this.toWorld(px, py);
@@ -102,7 +118,7 @@ export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }
     pointers.set(event.pointerId, now);
     const { length, middle } = spread();
     view.pan(middle[0] - old.middle[0], middle[1] - old.middle[1]);
-    if (old.length > 0) view.zoom(length / old.length, ...middle);
+    if (old.length > 0) view.zoom(length / old.length, middle);
     if (pointers.size === 1) panned();
     changed();
   });
@@ -118,7 +134,7 @@ export function setUpGestures(canvas, view, { changed, tapped, hovered, panned }
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 30 : 1;
-    view.zoom(Math.exp(-Math.max(-120, Math.min(120, event.deltaY * lines)) * 0.0022), ...place(event));
+    view.zoom(Math.exp(-Math.max(-120, Math.min(120, event.deltaY * lines)) * 0.0022), place(event));
     changed();
   }, { passive: false });
 }
