@@ -142,7 +142,8 @@ def test_wheel_contains_exactly_package_maps_and_planners(distributions: tuple[P
     planner = {
         f"pacman_env/policies/pretrained/{name}.{kind}" for name in ("ppo", "clyde") for kind in ("onnx", "json")
     }
-    page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "pacman_env/web/static").iterdir()}
+    static = (ROOT / "pacman_env/web/static").rglob("*.*")
+    page = {path.relative_to(ROOT).as_posix() for path in static}
     assert packed == package | maps | planner | page | {"pacman_env/py.typed", "pacman_env/ros/udp_alone.xml"}
     assert wheel.name == f"pacman_env-{pacman_env.__version__}-py3-none-any.whl"
 

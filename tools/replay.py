@@ -49,10 +49,12 @@ def write(folder: Path) -> None:
     """Write ``replay_page.js`` and ``replay_rounds.js`` into a folder."""
     rounds = [record(policy, second) for policy, second in (POLICIES, POLICIES[::-1])]
     packed = gzip.compress(msgspec.json.encode({"hello": vocabulary(), "rounds": rounds}), mtime=0)
-    sources = STATIC / "style.css", ROOT / "docs" / "_static" / "replay.css", STATIC / "index.html"
-    style, own, markup = (path.read_text(encoding="utf-8") for path in sources)
+    markup = (STATIC / "index.html").read_text(encoding="utf-8")
+    sheets = re.findall(r'rel="stylesheet" href="static/([^"]+)"', markup)
+    sources = [*(STATIC / sheet for sheet in sheets), ROOT / "docs" / "_static" / "replay.css"]
+    style = "".join(path.read_text(encoding="utf-8") for path in sources)
     style = re.sub(r":root(\[[^]]*\])", r":host(\1)", style).replace(":root", ":host")  # of a shadow root
-    texts = f"style: {json.dumps(style + own)},\nmarkup: {json.dumps(markup)}"
+    texts = f"style: {json.dumps(style)},\nmarkup: {json.dumps(markup)}"
     modules = bundle("map", "map_controls", "why", "player", "state", "dom")
     page = f"{{ {texts},\nmodules: {modules} }}"
     for name, value in {"page": page, "rounds": f'"{base64.b64encode(packed).decode()}"'}.items():

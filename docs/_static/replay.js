@@ -1,7 +1,6 @@
 // The player of the page "Replay": two recorded rounds on one time line. The modules of the page of `pacman-env web`
 // draw the rounds and explain the choices; tools/replay.py writes both scripts that it reads.
 
-const SPEEDS = [2, 4, 8, 16]; // times real time
 const MARK_COLOUR = "#e0407f";
 const systemIsDark = matchMedia("(prefers-color-scheme: dark)");
 const { markup, modules, style } = window.replay_page;
@@ -10,7 +9,7 @@ const { Player } = modules.player;
 const { PageState } = modules.state;
 const { WhyTable } = modules.why;
 const { setUpMapControls } = modules.map_controls;
-const { clock, make, option, setIcons, write } = modules.dom;
+const { clock, make, setIcons, write } = modules.dom;
 const webPage = new DOMParser().parseFromString(markup, "text/html");
 
 async function unpack(text) {

@@ -435,14 +435,14 @@ def test_page_hides_simulator_controls_on_robot(
 
 
 def test_page_files_are_small_and_self_contained() -> None:
-    files = [path for path in STATIC.iterdir() if path.is_file()]
+    files = list(STATIC.rglob("*.*"))
     assert sum(path.stat().st_size for path in files) < 180_000
     for path in files:
         for address in re.findall(r"\w+://[^\s\"'`)]+", path.read_text()):
             assert address.startswith("http://www.w3.org/"), f"{path.name}: {address}"
     page = (STATIC / "index.html").read_text()
     assert not re.search(r"\son\w+=|\sstyle=|<style|<script(?![^>]*\ssrc=)", page)
-    named = set(re.findall(r"\"static/([\w.]+)", page)) | {
+    named = set(re.findall(r"\"static/([\w./]+)", page)) | {
         name for path in files for name in re.findall(r"from \"\./([\w.]+)\"", path.read_text())
     }
-    assert named <= {path.name for path in files}
+    assert named <= {path.relative_to(STATIC).as_posix() for path in files}

@@ -185,7 +185,7 @@ def test_older_browser_plays_a_round(visit: Visit, simulated: SimulatedGame) -> 
 
 
 def test_page_files_use_no_newer_features_than_documented() -> None:
-    for path in STATIC.glob("*.*"):
+    for path in STATIC.rglob("*.*"):
         assert not re.search(NEWER, path.read_text()), path.name
 
 
@@ -195,7 +195,7 @@ def test_page_files_use_no_newer_features_than_documented() -> None:
         ("delete window.WebSocket", None, "WebSocket"),
         ("HTMLCanvasElement.prototype.getContext = () => null", None, "null"),
         ("", ("map.js", {"content_type": "text/javascript", "body": "new class { +"}), "SyntaxError"),
-        ("", ("style.css", {"status": 404}), "style.css"),
+        ("", ("style/base.css", {"status": 404}), "base.css"),
         ("", ("view.js", {"status": 404}), "main.js"),
     ],
 )

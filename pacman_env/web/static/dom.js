@@ -1,6 +1,6 @@
 // Small helpers for the document.
 
-export const narrow = matchMedia("(max-width: 820px)");
+export const narrow = matchMedia("(max-width: 820px), (max-height: 480px)");
 
 export const $ = (id) => document.getElementById(id);
 

@@ -45,7 +45,7 @@ export class View {
 
   #fitScale() {
     const [[x0, y0, x1, y1], free] = [this.bounds, this.free];
-    const margin = this.width < 600 ? 14 : 36;
+    const margin = Math.min(this.width, this.height) < 600 ? 14 : 36;
     const [width, height] = [free.x1 - free.x0 - 2 * margin, free.y1 - free.y0 - 2 * margin];
     const [across, down] = this.turn ? [y1 - y0, x1 - x0] : [x1 - x0, y1 - y0];
     return Math.max(4, Math.min(width / across, height / down));
