@@ -40,6 +40,7 @@ let pinged = 0; // time of the first ping since then; 0: none
 let retryTimer = 0;
 let endReason = "";
 
+export const silence_ms = () => performance.now() - received; // since the last message
 export const isOpen = () => socket?.readyState === WebSocket.OPEN;
 
 export function connect(listeners) {

@@ -29,6 +29,7 @@ function titleOf(entry) {
   const { result, catcher } = entry;
   const by = state.hello.roles[`ghost-${catcher}`]?.name;
   const words = state.resultWords(result);
+  if (isShared) return `A shared round: ${words.toLowerCase()}`;
   if (playsGhost(entry) && result !== "caught") return `You lost: ${words.toLowerCase()}`;
   if (playsGhost(entry)) return state.role === `ghost-${catcher}` ? "You won: you caught the robot" : `${by} caught the robot`;
   return result === "caught" && by ? `Caught by ${by}` : words;

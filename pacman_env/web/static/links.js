@@ -115,6 +115,7 @@ export class Links {
     if (hash !== entry.hash) notice(`The map ${entry.map} is another one here: the round differs.`, { bad: true });
     else if (version !== this.state.hello.version) notice(`Recorded with version ${version}: the round may differ.`);
     showResult(entry, true);
+    if (tick === undefined) this.stories.player.play();
   }
 
   // Lets the person of this page play the robot in the round of an entry: from its start, or from a moment on.

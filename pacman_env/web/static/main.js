@@ -5,7 +5,7 @@ import { setUpTheme } from "./colours.js";
 import * as game from "./connection.js";
 import "./controls.js";
 import { Demo } from "./demo.js";
-import { $, clock, facts, isShortcut, make, narrow, setIcons, write } from "./dom.js";
+import { $, clock, facts, isShortcut, make, narrow, setIcons, write, writeOrHide } from "./dom.js";
 import { sounds } from "./effects.js";
 import { setHooks, showResult } from "./end.js";
 import { Guide } from "./guide.js";
@@ -72,6 +72,10 @@ function lost(reason) {
 
 const receive = {
   hello(message) {
+    const { hello, frame: before, role } = state;
+    if (hello && hello.run !== message.run && (role !== "none" || before?.state !== "menu")) {
+      notice("The server was started again: the round and your role are lost.", { bad: true, stays: true });
+    }
     state.hello = message;
     game.remember(message.again);
     state.connected = true;
@@ -121,6 +125,14 @@ function watch() {
   game.send({ do: "watch", why: !$("panel-why").hidden, lidar: map.layers.lidar });
 }
 state.on("layers tab", watch);
+
+// The picture of a round that runs looks live, even if nothing arrives any more.
+setInterval(() => {
+  const { connected, roundRuns, frame: now } = state;
+  const runs = connected && roundRuns && !now.paused && !now.stopped;
+  const silent_s = runs ? Math.floor(game.silence_ms() / 1000) : 0;
+  writeOrHide($("late"), silent_s ? `Last message ${silent_s} s ago` : "");
+}, 250);
 
 // The map as text for screen readers; not announced by itself.
 let described = -Infinity;
