@@ -143,24 +143,6 @@ def test_forced_colours_keep_their_meaning(visit: Visit) -> None:
     assert dots[1] == page.value("`rgb(${state.hello.roles['ghost-0'].colour.join(', ')})`") != dots[0]
 
 
-def test_map_buttons_fit_a_sideways_phone(visit: Visit) -> None:
-    page = visit(viewport={"width": 667, "height": 375}, has_touch=True)
-    page.press("layers")
-    boxes = page.value(
-        "[document.querySelector('#map'), document.querySelector('#layers-list'),"
-        "...document.querySelectorAll('.map-buttons button')].map((one) => {"
-        "const {left, top, right, bottom} = one.getBoundingClientRect();"
-        "const seen = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);"
-        "return [left, top, right, bottom, one.contains(seen)]; })"
-    )
-    (left, top, right, bottom, _), *others = boxes
-    assert len(others) == 7
-    for box in others:
-        assert left <= box[0] < box[2] <= right
-        assert top <= box[1] < box[3] <= bottom
-        assert box[4], "it is covered"
-
-
 def test_older_browser_plays_a_round(visit: Visit, simulated: SimulatedGame) -> None:
     tokens = Tokens(operator="o" * 32, viewer="v" * 32)
     with WebServer(simulated, tokens=tokens, names=["http://127.0.0.1/pacman/"], write=lambda _: None) as server:

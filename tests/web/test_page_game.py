@@ -154,28 +154,6 @@ def test_end_card_fits_role_and_level(visit: Visit) -> None:
         assert ("ann" in other) == (role != "robot" and "second" in entry), name
 
 
-def test_end_card_leaves_half_of_sideways_phone(visit: Visit) -> None:
-    page = visit(viewport={"width": 844, "height": 390}, has_touch=True)
-    page.page.evaluate(ENDED, ["robot", None, [LOST], {**PERSON, "ghosts_played": [], "second": None}])
-    assert page.value("document.querySelector('#end').offsetHeight < document.querySelector('#map').offsetHeight / 2")
-
-
-def test_phone_replay_hides_no_control(visit: Visit, simulated: SimulatedGame) -> None:
-    simulated.handle("nobody", m.Setup(finish=True))
-    page = visit(viewport={"width": 390, "height": 844}, has_touch=True)
-    page.press("tab-play")
-    page.page.click("[data-role=robot]")
-    page.page.wait_for_selector("#stick:visible")
-    page.press("tab-rounds")
-    page.page.locator("#stories li button").click()
-    page.wait("state.story")
-    page.press("tab-rounds")  # closes the panel
-    assert not page.page.is_visible("#stick")
-    for name in ("stop", *(f"tab-{tab}" for tab in ("game", "play", "why", "rounds", "show", "ready"))):
-        x, y, width, height = page.page.locator(f"#{name}").bounding_box().values()
-        assert page.value(f"document.elementFromPoint({x + width / 2}, {y + height / 2}).id") == name
-
-
 def test_request_for_control_is_refused_by_operator(visit: Visit) -> None:
     holder, other = visit(), visit(viewport={"width": 844, "height": 390})
     holder.press("lease-take")

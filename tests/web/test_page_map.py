@@ -4,36 +4,35 @@ from collections.abc import Callable
 
 import pytest
 
-from pacman_env.web import page_messages as m
-from pacman_env.web.simulated import SimulatedGame
 from tests.web.browser import Visitor
 
 Visit = Callable[..., Visitor]
-#: Whether the whole map lies above an element.
-ABOVE = """(([x0, y0, x1, y1]) => {
-  const top = document.getElementById("map").getBoundingClientRect().top;
-  const limit = document.getElementById("story-bar").getBoundingClientRect().top - top;
-  return [[x0, y0], [x1, y0], [x0, y1], [x1, y1]].every(([x, y]) => view.toScreen(x, y)[1] <= limit);
+#: Whether the whole map lies in what the card leaves free, with the end of a round as the card.
+CLEAR = """(([x0, y0, x1, y1]) => {
+  const map = document.getElementById("map").getBoundingClientRect();
+  const card = document.getElementById("end").getBoundingClientRect();
+  return [[x0, y0], [x1, y0], [x0, y1], [x1, y1]].map(([x, y]) => view.toScreen(x, y))
+    .every(([x, y]) => x >= 0 && y >= 0 && (x + map.left <= card.left || y + map.top <= card.top));
 })(view.bounds)"""
-#: A card at the lower side that covers everything below the middle of the map, without a gap.
+#: Cards that cover everything below the middle of the map, without a gap.
 COVER = """(() => {
-  const card = document.getElementById("end");
-  card.style = "inset: 55% 0 0 0; width: auto; height: auto; max-height: none; transform: none";
-  card.hidden = false;
+  document.getElementById("end").hidden = false;
+  const cards = document.getElementById("end").parentElement;
+  cards.style = "position: absolute; grid-area: auto; inset: 55% 0 0 0; align-items: end";
 })()"""
+UNCOVER = "document.getElementById('end').parentElement.style = 'display: none'"
 
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (390, 844)])
-def test_fitted_map_stays_clear_of_cards(visit: Visit, simulated: SimulatedGame, width: int, height: int) -> None:
-    simulated.handle("nobody", m.Setup(finish=True))
+def test_fitted_map_stays_clear_of_cards(visit: Visit, width: int, height: int) -> None:
     page = visit(viewport={"width": width, "height": height})
     page.wait("view.bounds.join() !== '-5,-5,5,5'", "the picture of the map")
-    page.press("tab-rounds")
-    page.page.locator("#stories li button").click()
-    page.wait("state.story")
-    page.wait(f"view.fitted && view.insets.bottom > 0 && {ABOVE}")
-    page.press("story-close")
-    page.wait("view.fitted && view.insets.bottom === 0")
+    side = "bottom" if width < 800 else "right"
+    before = page.value(f"view.insets.{side}")
+    page.value("document.getElementById('end').hidden = false")
+    page.wait(f"view.fitted && view.insets.{side} > {before} && {CLEAR}")
+    page.press("end-close")
+    page.wait(f"view.fitted && view.insets.{side} === {before}")
 
 
 def test_zoomed_map_moves_if_card_covers_robot(visit: Visit) -> None:
@@ -43,7 +42,7 @@ def test_zoomed_map_moves_if_card_covers_robot(visit: Visit) -> None:
     page.value(COVER)
     page.wait("view.insets.bottom > 0")
     assert page.value("view.toScreen(...state.frame.true)") == pytest.approx(page.value("view.middle"))
-    page.value("document.getElementById('end').hidden = true")
+    page.value(UNCOVER)
     page.wait("view.insets.bottom === 0")
     before = page.value("(view.pan(0, -view.height), view.toScreen(...state.frame.true))")
     page.value(COVER)

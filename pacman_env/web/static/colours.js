@@ -1,4 +1,4 @@
-// The colours of the map, dark and light; those of the page are in style.css.
+// The colours of the map, dark and light; those of the page are in style/base.css.
 
 import { stored } from "./dom.js";
 
