@@ -41,6 +41,7 @@ class Visitor:
     page: Any
     url: str
     allowed: tuple[str, ...] = ()  # beginnings of errors that belong to a test
+    first: bool = False  # leaves the card of a first visit open, and the demo running
     errors: list[str] = field(default_factory=list)
     foreign: list[str] = field(default_factory=list)
 
@@ -67,6 +68,8 @@ class Visitor:
         self.page.goto(self.url + path)
         if ready:
             self.wait("window.pacman?.state.frame && window.pacman.state.scene?.map")
+            if not self.first:
+                self.value("document.querySelector('#welcome-close')?.click()")
         return self
 
     def value(self, expression: str) -> Any:
@@ -168,10 +171,8 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
             "Object.defineProperty(document, 'hidden', {get: () => away});"
             "window.goAway = (on) => { away = on; document.dispatchEvent(new Event('visibilitychange')); };"
         )
-        if not first:  # the card of a first visit covers a part of the map
-            page.add_init_script("try { localStorage['pacman_env.seen'] = 'yes'; } catch { }")
         url = f"http://127.0.0.1:{page_server.port}/"
-        visitor = Visitor(page, url, allowed).watch()
+        visitor = Visitor(page, url, allowed, first).watch()
         visitors.append(visitor)
         return visitor.open(path, ready)
 

@@ -410,7 +410,7 @@ def test_stop_button_and_key_work_at_any_width(visit: Visit, width: int) -> None
         assert page.value(f"document.elementFromPoint({box['x'] + 20}, {box['y'] + 20}).id") == "stop"
     assert page.value("document.documentElement.scrollWidth") <= width
     page.page.keyboard.press("Escape")
-    page.wait("state.frame.stopped")
+    page.wait("state.frame.stopped", "no card is open")
     assert page.page.is_disabled("#start")
     for tab in TABS:  # Release covers none of them
         box = page.page.locator(f"#tab-{tab}").bounding_box()

@@ -35,18 +35,115 @@ def test_caught_ghost_is_eyes_that_return(visit: Visit, simulated: SimulatedGame
     assert int(page.text("score")) >= 20
 
 
-def test_first_visitor_is_welcomed_once(visit: Visit) -> None:
+def test_first_visit_moves_and_plays_by_one_click(visit: Visit) -> None:
     page = visit(first=True)
-    page.press("welcome-ghost")
-    page.wait("state.role === 'ghost-0'")
-    assert not page.page.is_visible("#guide")
-    page.press("start")
-    count = page.page.wait_for_selector("#countdown:visible")
-    assert count.text_content() in ("1", "2")
+    page.wait("state.demo && state.frame.state === 'menu'", "the demo moves without a click")
+    first = page.value("state.demo.index")
+    page.wait(f"state.demo.index > {first}")
+    assert page.page.is_visible("#welcome")
+    page.press("play")
     page.wait("state.frame.state === 'running'")
-    assert not page.page.is_visible("#countdown")
+    assert not page.value("state.demo || state.invites")
+    assert not page.page.is_visible("#welcome")
+    assert page.value("[state.role, state.scene.ghosts.length, state.frame.speed]") == ["robot", 2, 3]
+    assert page.value("state.scene.power.pellets.length > 0 && document.activeElement.id === 'top'")
+
+
+def test_closed_card_ends_demo_until_reload(visit: Visit) -> None:
+    page = visit(first=True)
+    page.wait("state.demo")
+    page.page.keyboard.press("Escape")
+    page.wait("!state.demo && !state.frame.stopped")
+    assert not page.page.is_visible("#welcome")
     page.open()
-    assert not page.page.is_visible("#guide"), "the first visit is over"
+    page.wait("state.demo")
+
+
+def test_demo_stands_still_if_motion_is_reduced(visit: Visit) -> None:
+    page = visit(first=True, reduced_motion="reduce")
+    page.page.wait_for_selector("#welcome:visible")
+    page.press("play-clyde")
+    page.wait("state.role === 'ghost-0' && state.frame.state === 'running'")
+    assert page.value("state.demo") is None
+
+
+#: Keeps what the page sends from now on.
+RECORD = """() => {
+  window.asked = [];
+  const {send} = WebSocket.prototype;
+  WebSocket.prototype.send = function (text) {
+    window.asked.push(JSON.parse(text));
+    send.call(this, text);
+  };
+}"""
+
+
+def test_arrow_keys_choose_pellets_by_direction(visit: Visit) -> None:
+    """The house's robot starts at the middle left; the screen shows x to the right and y up."""
+    page = visit()
+    page.press("tab-play")
+    page.page.click("[data-role=robot]")
+    page.press("start")
+    page.wait("state.frame.state === 'running'")
+    page.press("pause")
+    page.wait("state.frame.paused")
+    page.page.evaluate(RECORD)
+    for key, ahead in (("ArrowRight", (1, 0)), ("ArrowDown", (0, -1)), ("ArrowUp", (0, 1))):
+        page.page.keyboard.press(key)
+        candidate = page.wait("asked.find((one) => one.do === 'goal')")["candidate"]
+        x, y = page.value(f"state.scene.pellets[{candidate}]")
+        robot = page.value("(asked.length = 0, state.frame.true)")
+        assert (x - robot[0]) * ahead[0] + (y - robot[1]) * ahead[1] > 0
+    page.page.keyboard.press("w")
+    page.wait("asked.some((one) => one.do === 'drive' && one.v > 0)", "steering by hand has its own key")
+
+
+def test_escape_stops_robot_even_if_card_is_open(
+    visit: Visit, simulated: SimulatedGame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated, "source", "ros")
+    page = visit()
+    page.page.keyboard.press("?")
+    page.page.wait_for_selector("#guide:visible")
+    page.page.keyboard.press("Escape")
+    page.wait("state.frame.stopped")
+
+
+def test_round_of_person_is_shared_and_tried_again(visit: Visit, simulated: SimulatedGame) -> None:
+    simulated.handle("nobody", m.Setup(map="loop", ghosts=("chase",), clyde_mps=0.8, settings={}))
+    page = visit()
+    page.press("tab-play")
+    page.page.click("[data-role=robot]")
+    page.slide("speed", 10)
+    page.press("start")
+    page.wait("state.frame.state === 'running'")
+    page.page.keyboard.press("1")
+    page.page.wait_for_selector("#end-share:visible")
+    page.press("end-share")
+    page.wait("location.hash.includes('moves=')")
+    link, entry = page.value("location.hash"), page.value("document.querySelector('#result').textContent")
+    page.press("tab-rounds")
+    page.page.locator("#stories li button").first.click()
+    page.wait("state.story")
+    trail = page.value("state.story.frames.map((one) => one.true)")
+    with page.page.expect_download() as download:
+        page.press("story-save")
+    page.press("story-next")
+    moment = page.value("state.story.frames[state.story.index].time_s")
+    page.press("story-again")
+    page.wait("!state.story && state.role === 'robot' && ['starting', 'running'].includes(state.frame.state)")
+    assert page.value("state.frame.time_s") >= moment
+    page.reset()
+    page.leave()
+    other = visit(link)
+    other.wait("state.story", "a person's round in another browser")
+    assert other.value("state.story.frames.map((one) => one.true)") == trail
+    assert other.text("result").split(":")[0] != entry
+    assert other.page.is_visible("#end")
+    other.press("story-close")
+    other.page.set_input_files("#story-file", download.value.path())
+    other.wait("state.story", "a file")
+    assert other.value("state.story.frames.map((one) => one.true)") == trail
 
 
 def test_end_card_leads_on(visit: Visit) -> None:
@@ -131,13 +228,20 @@ WON, LOST, OVER = (
 )
 POLICY = {"state": "dying", "round": 2}
 GHOST = {"player": "policy", "ghosts_played": [0]}
-ALWAYS = {"result", "end-moment", "end-close"}
+ALWAYS = {"result", "end-moment", "end-share", "end-close"}
 #: Role, person in control, frames until the end of the round, changes of the finished round; then what the main button
 #: starts, and further parts of the card.
 ENDS = {
-    "level won": ("robot", None, [WON], {**PERSON, "result": "complete"}, "level", {"end-next", "end-other"}),
-    "level lost": ("robot", None, [LOST], PERSON, "retry", {"end-next", "end-lives", "end-other"}),
-    "game lost": ("robot", None, [OVER, HOME], PERSON, "game", {"end-next", "end-lives", "end-other"}),
+    "level won": (
+        "robot",
+        None,
+        [WON],
+        {**PERSON, "result": "complete"},
+        "level",
+        {"end-next", "end-again", "end-other"},
+    ),
+    "level lost": ("robot", None, [LOST], PERSON, "retry", {"end-next", "end-again", "end-lives", "end-other"}),
+    "game lost": ("robot", None, [OVER, HOME], PERSON, "game", {"end-next", "end-again", "end-lives", "end-other"}),
     "level of another": ("none", "ann", [LOST], PERSON, "round", {"end-lives", "end-other"}),
     "ghost of another's game": ("ghost-0", "ann", [LOST], {**GHOST, **PERSON}, "round", {"end-lives", "end-other"}),
     "ghost": ("ghost-0", None, [POLICY], GHOST, "round", {"end-next", "end-again"}),

@@ -40,9 +40,9 @@ def test_page_covers_no_control_and_no_robot(
     simulated.handle("nobody", m.Setup(finish=True))
     page = visit(first=True, viewport={"width": width, "height": height}, has_touch=width < 1100)
     page.wait("view.bounds.join() !== '-5,-5,5,5'", "the picture of the map")
-    assert page.page.is_visible("#welcome")
+    page.page.wait_for_selector("#welcome:visible")
     found = {"first visit": page.page.evaluate(FAULTS)}
-    page.press("guide-close", "layers")
+    page.press("welcome-close", "layers")
     found["layers"] = page.page.evaluate(FAULTS)
     page.press("layers", "tab-play")
     page.page.click("[data-role=robot]")

@@ -129,7 +129,7 @@ export function drawTop(painter, shown) {
   }
   if (pointed) painter.circle(pointed, ring + 7, { stroke: colours.goal, width: 2.5 });
   if (layers.lidar && poses.robot) drawScan(painter, frame.scan, poses.robot, colours.lidar);
-  scene.ghosts.forEach(({ colour }, k) => drawTarget(painter, frame.ghost_goals?.[k], colour, colours));
+  poses.ghosts.forEach((_, k) => drawTarget(painter, frame.ghost_goals?.[k], scene.ghosts[k]?.colour, colours));
   poses.ghosts.forEach((pose, k) => {
     drawGhost(painter, pose, { ...scene.ghosts[k], ...lookOf(frame, scene.power, k) }, layers, colours,
       mine === `ghost-${k}`);
