@@ -14,10 +14,11 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import WebSocketRoute
-from starlette.types import ASGIApp
 
 from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
 from pacman_env.web.address import bind, link, start_text, with_token
@@ -33,6 +34,7 @@ SPARE_CONNECTIONS = 50
 PING_S, PONG_S = 3.0, 5.0  # a page without answers is gone after 8 s
 _START_S = 0.005  # polling period while the server starts
 _WAKE_S = 0.5
+_COMPRESSION = 6  # of HTTP answers by gzip; 9 takes longer and saves hardly any bytes
 _LOGGER = logging.getLogger("uvicorn.error")
 
 
@@ -108,7 +110,8 @@ class WebServer:
             return PlainTextResponse("internal error\n", 500)
 
         routes = [*Routes(self._game, sessions, log).all(), WebSocketRoute("/ws", sessions.serve)]
-        application: ASGIApp = Starlette(routes=routes, exception_handlers={Exception: failed})
+        compression = Middleware(GZipMiddleware, compresslevel=_COMPRESSION)
+        application = Starlette(routes=routes, middleware=[compression], exception_handlers={Exception: failed})
         names = (*map(Name, names_of(self.host, self.address)), *self._names)
         config = uvicorn.Config(
             AccessControl(application, self.tokens, names, log),

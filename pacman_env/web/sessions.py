@@ -53,21 +53,22 @@ class Sessions:
             await asyncio.sleep(due_s - time.monotonic())
 
     async def _tick(self) -> None:
+        update = await in_thread(self._poll_thread, self.audience.poll)
+        if update is not None:
+            self._round_runs = update.frame is not None and update.frame.state != "menu"
         now = time.monotonic()
         for person in self._control.expire(now, self._round_runs):
             self._log.add("expired", f"{person} did not come back: control and role are free")
         for key, viewer in list(self._known.items()):
             if viewer.gone_s is not None and now - viewer.gone_s >= roles.KEPT_S:
                 del self._known[key]
-        update = await in_thread(self._poll_thread, self.audience.poll)
-        if update is not None:
-            self._round_runs = update.frame is not None and update.frame.state != "menu"
         self.audience.send(update)
 
     def _people(self) -> dict[str, Any]:
         return {
             "viewers": len(self.audience.viewers),
             "operator": self._control.operator,
+            "away": self._control.operator in self._control.away,
             "asking": self._control.asking,
             "roles": {role: self._control.roles.people.get(role) for role in ROLES},
         }

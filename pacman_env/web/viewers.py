@@ -136,6 +136,7 @@ class Audience:
         self._news: int | None = None  # number of the news sent last; None: send only future news
         self._people_text = ""
         self._watched = (False, False)
+        self._run = secrets.token_hex(8)  # differs after a restart: its games, rounds and roles are new
 
     def has_room(self, access: Kind) -> bool:
         return len(self.viewers) < self._most + (MORE_OPERATORS if access == "operator" else 0)
@@ -200,7 +201,8 @@ class Audience:
 
     def _hello(self, viewer: Viewer, choices: dict[str, Any]) -> dict[str, Any]:
         facts = {"version": __version__, "source": self._game.source, "access": viewer.access, "choices": choices}
-        return {"kind": "hello", **vocabulary(self._game.source), **facts, "you": viewer.name, "again": viewer.key}
+        person = {"you": viewer.name, "again": viewer.key, "run": self._run}
+        return {"kind": "hello", **vocabulary(self._game.source), **facts, **person}
 
     def _change_scene(self, scene: Scene) -> None:
         facts = dict(scene.facts)

@@ -232,6 +232,38 @@ def test_control_is_free_after_page_has_left(
         assert other.ask("role", role="robot")["ok"]
 
 
+def test_people_tell_that_operator_is_away(server: WebServer) -> None:
+    with Page(server) as other:
+        with Page(server) as one:
+            one.ask("control", what="take")
+            other.people(operator=one.name, away=False)
+        assert other.people(away=True)["operator"] == one.name
+        with Page(server, again=one.hello["again"]):
+            other.people(operator=one.name, away=False)
+
+
+def test_newcomer_finds_control_free_in_menu(
+    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(roles, "KEPT_S", 600.0)
+    with Page(server) as one:
+        one.ask("control", what="take")
+        one.people(operator=one.name)
+    wait_for(lambda: ("leave", one.name) in game.calls)
+    game.state = "menu"
+    with Page(server) as other:
+        assert other.people()["operator"] is None
+
+
+def test_hello_has_new_run_after_restart(serve: Callable[..., WebServer]) -> None:
+    first, second = serve(ScriptedGame()), serve(ScriptedGame())
+    runs = []
+    for server in (first, first, second):
+        with Page(server) as page:
+            runs.append(page.hello["run"])
+    assert runs[0] == runs[1] != runs[2]
+
+
 def test_options_are_reset_only_if_page_is_unused(game: ScriptedGame, server: WebServer) -> None:
     with Page(server) as one, Page(server) as two:
         assert game.calls.count(("reset_options",)) == 1
