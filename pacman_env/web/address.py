@@ -13,24 +13,22 @@ _UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this
 def bind(host: str, port: int) -> socket.socket:
     """Return a socket bound to an address of this machine; raises OSError with the reason."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
         raise OSError(f"{host}: no such address") from error
-    bound = socket.socket(family, kind, protocol)
     try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):
-            bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
-        bound.bind(address)
+        bound = socket.create_server(address, family=family, dualstack_ipv6=family == socket.AF_INET6)
     except OSError as error:
-        bound.close()
         reasons = {
             errno.EADDRINUSE: f"port {port} of {host} is in use: choose another port, or 0 for any free one",
             errno.EADDRNOTAVAIL: f"{host} is not an address of this computer",
             errno.EACCES: f"port {port} of {host} is not permitted: choose a port from 1024 on, or 0 for any free one",
         }
         raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
+    # Connections inherit these options.
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
     return bound
 
 

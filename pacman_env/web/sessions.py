@@ -87,8 +87,7 @@ class Sessions:
         access = socket.scope["access"]
         if self._ending or not self.audience.has_room(access):
             words = "the limit of viewers is reached; try again later"
-            self._log.add("full", f"refused: {words}")
-            await socket.send_denial_response(refusal_response(503, words))
+            await socket.send_denial_response(refusal_response(503, words, self._log))
             return
         viewer = self._connect(access, socket.query_params.get("again", ""))
         tasks: list[asyncio.Task[None]] = []
