@@ -10,12 +10,10 @@ from typing import Any, TypeVar
 
 from pacman_env.web import page_messages
 from pacman_env.web.game_interface import Game, Refused
-from pacman_env.web.page_messages import Message, as_json
+from pacman_env.web.page_messages import Message
 from pacman_env.web.roles import ROBOT, RoleControl
-from pacman_env.web.viewers import Viewer
 
 MOST_THREADS = 32  # most requests that the game handles at the same time
-STOPPED_AGAIN = "stopped again meanwhile"
 #: Messages that operators may send without control; other messages that are not for everyone need control.
 _FREE = (page_messages.Control, page_messages.Role, page_messages.Goal, page_messages.Drive)
 T = TypeVar("T")
@@ -45,60 +43,44 @@ class RequestHandler:
         self.in_thread = partial(in_thread, asyncio.Semaphore(MOST_THREADS))
         self._game = game
 
-    async def carry_out(self, viewer: Viewer, message: Message, stops: int) -> None:
-        """Handle a message and answer it; a refused message changes nothing.
+    async def carry_out(self, name: str, message: Message, stops: int) -> Any:
+        """Handle a message of a person and return the answer's data; a refused message changes nothing.
 
         ``stops`` is the number of stops that had arrived before the message.
         """
-        name, on_robot = viewer.name, self._game.source == "ros"
+        role, on_robot = self.control.roles.of(name), self._game.source == "ros"
         if not isinstance(message, (*page_messages.FOR_ALL, *_FREE)):
             self.control.take(name)
         match message:
             case page_messages.Role():
-                await self._change_role(viewer, message)
-                return
+                return await self._change_role(name, message, role)
             case page_messages.Control(what=what):
                 getattr(self.control, what)(name)
-                if what == "give" and on_robot and self.control.roles.of(name) == ROBOT:
-                    self.control.roles.leave(name)
-                    await self.in_thread(self._game.handle, name, page_messages.Role(role="none"))
-                viewer.answer(message)
-                return
+                if what != "give" or not on_robot or role != ROBOT:
+                    return None
+                self.control.roles.leave(name)
+                message = page_messages.Role(role="none")
             case page_messages.Release():
-                await self._release(name, stops)
-                viewer.answer(message)
-                return
-            case page_messages.Drive() if self.control.roles.of(name) != ROBOT:
+                return await self._release(name, stops)
+            case page_messages.Drive() if role != ROBOT:
                 raise Refused("choose the robot's role in the tab Play first")
-            case page_messages.Goal() if self.control.roles.of(name) is None:
+            case page_messages.Goal() if role is None:
                 raise Refused("choose a role in the tab Play first")
-            case page_messages.Goal() | page_messages.Drive() if on_robot and self.control.roles.of(name) == ROBOT:
+            case page_messages.Goal() | page_messages.Drive() if on_robot and role == ROBOT:
                 self.control.take(name)
-        await self._handle(viewer, message)
-
-    async def _handle(self, viewer: Viewer, message: Message) -> None:
-        """Let the game handle a message; the answer, which may be long, is encoded in the same thread."""
-
-        def handle() -> str:
-            data = self._game.handle(viewer.name, message)
-            answer = {"kind": "answer", "id": message.id, "ok": True, "words": "", "data": data}
-            return as_json(answer) if message.id else ""
-
-        if answer := await self.in_thread(handle):
-            viewer.outbox.put_text(answer)
+        return await self.in_thread(self._game.handle, name, message)
 
     async def _release(self, name: str, stops: int) -> None:
         """Release the robot, unless a stop arrives meanwhile: a later stop wins, whichever reaches the game first."""
-        if stops != self.stops:
-            raise Refused(STOPPED_AGAIN)
-        await self.in_thread(self._game.release, name)
-        if stops != self.stops:
+        if stops == self.stops:
+            await self.in_thread(self._game.release, name)
+            if stops == self.stops:
+                return
             await self.in_thread(self._game.stop, name)
-            raise Refused(STOPPED_AGAIN)
+        raise Refused("stopped again meanwhile")
 
-    async def _change_role(self, viewer: Viewer, message: page_messages.Role) -> None:
-        name, roles = viewer.name, self.control.roles
-        before = roles.of(name)
+    async def _change_role(self, name: str, message: page_messages.Role, before: str | None) -> Any:
+        roles = self.control.roles
         if message.role == ROBOT and self._game.source == "ros":
             self.control.take(name)
         if message.role == "none":
@@ -106,7 +88,7 @@ class RequestHandler:
         else:
             roles.assume(name, message.role)
         try:
-            await self._handle(viewer, message)
+            return await self.in_thread(self._game.handle, name, message)
         except Exception:
             roles.leave(name)
             if before is not None:

@@ -156,17 +156,15 @@ class Sessions:
     async def _listen(self, socket: WebSocket, viewer: Viewer) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             while (event := await socket.receive())["type"] == "websocket.receive":
-                text = event.get("text")
-                self._receive(viewer, event.get("bytes", b"") if text is None else text)
+                self._receive(viewer, event.get("text"))
 
-    def _receive(self, viewer: Viewer, text: str | bytes) -> None:
+    def _receive(self, viewer: Viewer, text: str | None) -> None:
         """Check one message. A stop is handled immediately, before all other messages and at any message rate."""
         message, error = None, "bad message: must be text, not bytes"
-        if isinstance(text, str):
-            try:
-                message = parse(text)
-            except ValueError as invalid:
-                error = str(invalid)[:MOST_WORDS]
+        try:
+            message = None if text is None else parse(text)
+        except ValueError as invalid:
+            error = str(invalid)[:MOST_WORDS]
         if isinstance(message, page_messages.Stop):
             self.requests.stops += 1
             if not viewer.stops or (message.id and len(viewer.stops) < MOST_TEXTS):  # no id: no answer
@@ -207,10 +205,13 @@ class Sessions:
             if viewer.gone_s is not None:
                 return
             what = f"a request from a page ({type(message).__name__.lower()})"
-            if refusal := await self._attempt(what, self.requests.carry_out(viewer, message, stops)):
+            if refusal := await self._attempt(what, self._answer(viewer, message, stops)):
                 viewer.answer(message, refusal)
             if viewer.gone_s is not None and not viewer.is_replaced:  # the page disconnected meanwhile
                 await self._attempt("a person left", self.requests.in_thread(self._game.leave, viewer.name))
+
+    async def _answer(self, viewer: Viewer, message: Message, stops: int) -> None:
+        viewer.answer(message, data=await self.requests.carry_out(viewer.name, message, stops))
 
     async def _attempt(self, what: str, work: Awaitable[Any]) -> str:
         """Await ``work``, a call of the game; return the text of its failure, or an empty string after success."""

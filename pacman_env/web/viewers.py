@@ -3,7 +3,6 @@
 import asyncio
 import secrets
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -28,10 +27,9 @@ class Outbox:
 
     def __init__(self) -> None:
         self.why_ended = ""
-        self._texts: deque[str] = deque()
-        self._bytes = 0
-        self._frame: str | None = None
-        self._wake = asyncio.Event()
+        self._texts: list[str] = []
+        self._frame = ""
+        self._wake = asyncio.Event()  # something waits, or the end has come
 
     def put_frame(self, frame: str) -> None:
         if not self.why_ended:
@@ -42,29 +40,24 @@ class Outbox:
         if self.why_ended:
             return
         self._texts.append(text)
-        self._bytes += len(text)
         self._wake.set()
-        if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
+        if len(self._texts) > MOST_TEXTS or sum(map(len, self._texts)) > MOST_BYTES:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
         """Replace all waiting texts and frames by a last message ``bye`` with these words."""
         if not self.why_ended:
-            self._texts = deque([as_json({"kind": "bye", "words": words})])
-            self._frame = None
+            self._texts, self._frame = [as_json({"kind": "bye", "words": words})], ""
             self.why_ended = words
             self._wake.set()
 
     async def get(self) -> list[str]:
         """Wait for at least one text or frame and return the queue; empty after the end."""
-        while not self._texts and self._frame is None:
-            if self.why_ended:
-                return []
+        await self._wake.wait()
+        waiting = [*self._texts, self._frame] if self._frame else self._texts
+        self._texts, self._frame = [], ""
+        if not self.why_ended:
             self._wake.clear()
-            await self._wake.wait()
-        waiting = [*self._texts, *([] if self._frame is None else [self._frame])]
-        self._texts.clear()
-        self._bytes, self._frame = 0, None
         return waiting
 
 
@@ -105,9 +98,9 @@ class Viewer:
     def send(self, message: dict[str, Any]) -> None:
         self.outbox.put_text(as_json(message))
 
-    def answer(self, message: Message, refusal: str = "") -> None:
+    def answer(self, message: Message, refusal: str = "", data: Any = None) -> None:
         if message.id:
-            self.send({"kind": "answer", "id": message.id, "ok": not refusal, "words": refusal, "data": None})
+            self.send({"kind": "answer", "id": message.id, "ok": not refusal, "words": refusal, "data": data})
         elif refusal:
             self.send({"kind": "refused", "words": refusal})
 
@@ -205,12 +198,8 @@ class Audience:
         return {"kind": "hello", **vocabulary(self._game.source), **facts, **person}
 
     def _change_scene(self, scene: Scene) -> None:
-        facts = dict(scene.facts)
+        facts = {**scene.facts, "kind": "scene", "revision": scene.revision}
         if facts.get("map"):
             facts["map"] = {**facts["map"], "url": f"map/{scene.revision}.png"}
-        self._scene_text = as_json({**facts, "kind": "scene", "revision": scene.revision})
-        self._scene = scene
-        self.pictures.pop(scene.revision, None)
-        self.pictures[scene.revision] = scene.picture
-        while len(self.pictures) > MOST_PICTURES:
-            del self.pictures[next(iter(self.pictures))]
+        self._scene, self._scene_text = scene, as_json(facts)
+        self.pictures = dict([*self.pictures.items(), (scene.revision, scene.picture)][-MOST_PICTURES:])
