@@ -63,15 +63,6 @@ class Name:
             return cls(name)
         return cls(name, f"{scheme}://{host}{port.removesuffix(_DEFAULT_PORTS[scheme])}", match["path"].rstrip("/"))
 
-    @property
-    def is_local(self) -> bool:
-        return self.host == "localhost" or is_loopback(self.host)
-
-    @property
-    def url(self) -> str:
-        """Return the address of the page behind the proxy, or an empty string if there is no proxy."""
-        return f"{self.origin}{self.path}/" if self.origin else ""
-
 
 @dataclass(frozen=True)
 class Tokens:
@@ -93,16 +84,16 @@ class Tokens:
         return "operator" if operator else "viewer" if viewer else None
 
 
-def is_loopback(address: str) -> bool:
+def is_local(host: str) -> bool:
     try:
-        return ipaddress.ip_address(address).is_loopback
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
 
 
 def names_of(host: str, address: str) -> tuple[str, ...]:
     """Return the Host headers to accept: ``host``, its IP address, and this machine's names."""
-    if is_loopback(address):
+    if is_local(address):
         return (host, address, "localhost")
     here = socket.gethostname()
     return (host, address, here, f"{here.partition('.')[0]}.local")

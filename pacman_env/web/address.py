@@ -8,6 +8,8 @@ from pacman_env.web.access import Tokens
 
 _SEND_BUFFER = 1 << 17  # bytes; small, so that a slow reader gets newer frames
 _UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this time (Linux only)
+#: By the name of all addresses: their family, and an address that is reserved for documentation.
+_ALL = {"0.0.0.0": (socket.AF_INET, "192.0.2.1"), "::": (socket.AF_INET6, "2001:db8::1")}
 
 
 def bind(host: str, port: int) -> socket.socket:
@@ -41,21 +43,17 @@ def with_token(url: str, token: str) -> str:
     return f"{url}?token={token}" if token else url
 
 
-def own_address(family: int = socket.AF_INET) -> str | None:
-    """Return the address by which other machines reach this one, or None; nothing is sent."""
-    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses reserved for documentation
+def shown_address(address: str) -> str:
+    """Return the address, or by which address other machines reach this one if it is bound to all; sends nothing."""
+    if address not in _ALL:
+        return address
+    family, there = _ALL[address]
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((there, 9))
             return str(probe.getsockname()[0])
         except OSError:
-            return None
-
-
-def shown_address(address: str) -> str:
-    if address not in ("0.0.0.0", "::"):
-        return address
-    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+            return socket.gethostname()
 
 
 def qr_code(text: str) -> str:

@@ -21,7 +21,7 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import WebSocketRoute
 
-from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
+from pacman_env.web.access import AccessControl, Name, Tokens, is_local, names_of
 from pacman_env.web.address import bind, link, start_text, with_token
 from pacman_env.web.game_interface import Game
 from pacman_env.web.log import Log
@@ -67,13 +67,14 @@ class WebServer:
     @property
     def public_url(self) -> str:
         """Return the address that others use, without a token."""
-        return next((name.url for name in self._names if name.url), link(self.address, self.port))
+        proxied = [f"{name.origin}{name.path}/" for name in self._names if name.origin]
+        return proxied[0] if proxied else link(self.address, self.port)
 
     def start(self) -> WebServer:
         """Start to serve. Raises OSError if the address is in use or does not belong to this machine."""
         bound = bind(self.host, self.port)
         self.address, self.port = bound.getsockname()[:2]
-        if self.tokens is None and not (is_loopback(self.address) and all(name.is_local for name in self._names)):
+        if self.tokens is None and not all(map(is_local, [self.address, *(name.host for name in self._names)])):
             self.tokens = Tokens.new()
         log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
         _LOGGER.addFilter(log.redact)
@@ -136,10 +137,9 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, sessions: Sessions):
         super().__init__(config)
         self._sessions = sessions
-        self._ticks: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[Any] | None = None) -> None:
-        self._ticks = asyncio.create_task(self._sessions.run())
+        self._sessions.spawn(self._sessions.run())
         await super().startup(sockets)
 
     async def shutdown(self, sockets: list[Any] | None = None) -> None:

@@ -93,7 +93,7 @@ class Sessions:
         tasks: list[asyncio.Task[None]] = []
         try:
             await socket.accept()
-            tasks = [self._spawn(self._send(socket, viewer)), self._spawn(self._listen(socket, viewer))]
+            tasks = [self.spawn(self._send(socket, viewer)), self.spawn(self._listen(socket, viewer))]
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         except (WebSocketDisconnect, OSError):
             return
@@ -116,7 +116,7 @@ class Sessions:
                 before.outbox.end("your page has reconnected")
                 self.audience.remove(before)
             self.audience.add(viewer, is_new=False)
-            self._spawn(self._return(viewer, before))
+            self.spawn(self._return(viewer, before))
         self._known[viewer.key] = viewer
         self._control.came(viewer.name)
         return viewer
@@ -140,7 +140,7 @@ class Sessions:
         if not viewer.is_replaced:
             self._control.went(viewer.name, viewer.gone_s)
             leaving = in_thread(self._stop_threads, self._game.leave, viewer.name)
-            viewer.leaving = self._spawn(self._attempt("a person left", leaving))
+            viewer.leaving = self.spawn(self._attempt("a person left", leaving))
 
     async def _send(self, socket: WebSocket, viewer: Viewer) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError, TimeoutError):
@@ -171,7 +171,7 @@ class Sessions:
                 viewer.stops.append(message)
             if not viewer.is_stopping:
                 viewer.is_stopping = True
-                self._spawn(self._stop(viewer))
+                self.spawn(self._stop(viewer))
         elif not viewer.is_within_rate(time.monotonic()):
             return
         elif message is None:
@@ -187,7 +187,7 @@ class Sessions:
             viewer.answer(message, "too many requests: the game still handles your earlier ones")
         else:
             viewer.waiting += 1
-            self._spawn(self._take_turn(viewer, message, self.requests.stops))
+            self.spawn(self._take_turn(viewer, message, self.requests.stops))
 
     async def _stop(self, viewer: Viewer) -> None:
         """Stop the game. Stops that arrive during the call are handled together by one more call."""
@@ -224,7 +224,7 @@ class Sessions:
             return "internal error"
         return ""
 
-    def _spawn(self, work: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
+    def spawn(self, work: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         task = asyncio.create_task(work)
         self._tasks.add(task)  # a reference, or the task could be collected
         task.add_done_callback(self._tasks.discard)

@@ -139,8 +139,7 @@ class Audience:
         self.viewers.append(viewer)
 
     def remove(self, viewer: Viewer) -> None:
-        if viewer in self.viewers:
-            self.viewers.remove(viewer)
+        self.viewers = [other for other in self.viewers if other is not viewer]
 
     def poll(self) -> Update | None:
         viewers = tuple(self.viewers)
