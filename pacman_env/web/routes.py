@@ -73,7 +73,7 @@ class Routes:
         return Response(picture, media_type="image/png", headers={"cache-control": "no-store"})
 
     async def _story(self, request: Request) -> Response:
-        story = await self._sessions.requests.in_thread(self._game.story, request.path_params["number"])
+        story = await self._sessions.in_thread(self._game.story, request.path_params["number"])
         if story is None:
             return PlainTextResponse("no such round\n", 404)
         pieces = (story[at : at + _PIECE] for at in range(0, len(story), _PIECE))
@@ -90,7 +90,7 @@ class Routes:
                     body = await _body(request)
                 if body is None:
                     return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
-                added = await self._sessions.requests.in_thread(self._add, body)
+                added = await self._sessions.in_thread(self._add, body)
             except (TimeoutError, ClientDisconnect):
                 return _map_answer(408, "the upload took too long")
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
