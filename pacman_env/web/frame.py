@@ -82,8 +82,6 @@ def thinned(plan: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _from_array(array: Any) -> Any:
-    if not isinstance(array, np.ndarray):
-        raise NotImplementedError(type(array).__name__)
     return (array if array.dtype == np.bool_ else array.round(_DECIMALS)).tolist()
 
 

@@ -126,7 +126,7 @@ class Sessions:
     def _connect(self, access: Kind, key: str) -> Viewer:
         """Add the viewer of a new connection; the key of an earlier connection restores its person."""
         kept_s = time.monotonic() - roles.KEPT_S
-        self._known = {key: one for key, one in self._known.items() if one.gone_s is None or one.gone_s > kept_s}
+        self._known = {own: one for own, one in self._known.items() if one.gone_s is None or one.gone_s > kept_s}
         before = self._known.pop(key, None)
         if before is None or before.access != access:
             self._guests += 1
@@ -150,11 +150,10 @@ class Sessions:
             if before.leaving is not None:
                 await asyncio.wait([before.leaving])
             role = self._control.roles.of(viewer.name)
-            if role is not None and await self._attempt(
-                "a person came back",
-                self.in_thread(self._game.handle, viewer.name, page_messages.Role(role=role)),  # type: ignore[arg-type]
-            ):
-                self._control.roles.leave(viewer.name)
+            if role is not None:
+                back = self.in_thread(self._game.handle, viewer.name, page_messages.Role(role=role))  # type: ignore[arg-type]
+                if await self._attempt("a person came back", back):
+                    self._control.roles.leave(viewer.name)
 
     def _disconnect(self, viewer: Viewer) -> None:
         self.audience.remove(viewer)

@@ -81,19 +81,15 @@ class Viewer:
     leaving: asyncio.Task[str] | None = None
     _allowance: float = MESSAGES_PER_S  # messages; negative: above the rate
     _allowed_s: float = field(default_factory=time.monotonic)
-    _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
-        left = self._allowance + (now - self._allowed_s) * MESSAGES_PER_S
-        self._allowance, self._allowed_s = min(MESSAGES_PER_S, left) - 1.0, now
-        if self._allowance >= 0.0:
-            return True
-        if now - self._warned_s >= 1.0:
-            self._warned_s = now
+        left = min(MESSAGES_PER_S, self._allowance + (now - self._allowed_s) * MESSAGES_PER_S)
+        self._allowance, self._allowed_s = left - 1.0, now
+        if 0.0 <= left < 1.0:  # the first one above the rate
             self.send({"kind": "refused", "words": "too many messages: some are ignored"})
-        if self._allowance < -PATIENCE:
+        if left < -PATIENCE:
             self.outbox.end("too many messages")
-        return False
+        return left >= 1.0
 
     def send(self, message: dict[str, Any]) -> None:
         self.outbox.put_text(as_json(message))
@@ -171,10 +167,6 @@ class Audience:
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
         without_why = [item for item in news if "why" not in item]  # long: sent only to pages that show them
-        news_texts = {
-            why: as_json({"kind": "news", "items": items}) if items else ""
-            for why, items in ((True, news), (False, without_why))
-        }
         before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
         if update.encoded and update.frame is not None:
             self._number, self._frame = update.frame.number, update.encoded
@@ -183,8 +175,8 @@ class Audience:
                 viewer.send(self._hello(viewer, update.choices))
             if viewer.is_fresh or scene_changed:
                 viewer.outbox.put_text(self._scene_text)
-            if news_texts[viewer.why]:
-                viewer.outbox.put_text(news_texts[viewer.why])
+            if items := news if viewer.why else without_why:
+                viewer.send({"kind": "news", "items": items})
             if viewer.is_fresh or self._people_text != before:
                 viewer.outbox.put_text(self._people_text)
             if self._frame and (viewer.is_fresh or update.encoded):
