@@ -37,17 +37,10 @@ def map_name(name: str) -> str:
     return re.sub(r"[^a-z0-9_-]+", "-", name.lower())[:40].strip("-_") or "map"
 
 
-class PageFiles(StaticFiles):
-    def file_response(self, *arguments: Any, **options: Any) -> Response:
-        response = super().file_response(*arguments, **options)
-        response.headers["cache-control"] = "no-cache"  # cached, and revalidated each time
-        return response
-
-
 class Routes:
     def __init__(self, game: Game, sessions: Sessions, log: Log):
         self._game, self._sessions, self._log = game, sessions, log
-        self._files = PageFiles(directory=STATIC)
+        self._files = StaticFiles(directory=STATIC)
         self._upload = asyncio.Semaphore(1)  # bounds the memory of all uploads
 
     def all(self) -> list[BaseRoute]:
@@ -64,7 +57,7 @@ class Routes:
         return await self._files.get_response("index.html", request.scope)
 
     async def _health(self, request: Request) -> Response:
-        return JSONResponse({"ok": True, "version": __version__}, headers={"cache-control": "no-store"})
+        return JSONResponse({"ok": True, "version": __version__})
 
     async def _picture(self, request: Request) -> Response:
         picture = self._sessions.audience.pictures.get(request.path_params["revision"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 from urllib.parse import quote, urlencode
 
@@ -50,7 +50,7 @@ class Rules:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def changed(self, setup: Setup) -> Rules:
-        given = {name: value for name in asdict(self) if (value := getattr(setup, name)) is not None}
+        given = {name: value for name in vars(self) if (value := getattr(setup, name)) is not None}
         if "map" in given and "level" not in given:
             given["level"] = None
         return replace(self, **given)

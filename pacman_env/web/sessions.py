@@ -170,8 +170,7 @@ class Sessions:
                 for text in texts:
                     async with asyncio.timeout(SLOW_S):
                         await socket.send_text(text)
-            reason = viewer.outbox.why_ended.encode()[:100].decode(errors="ignore")
-            await socket.close(1001 if self._ending else 1008, reason)
+            await socket.close(1001 if self._ending else 1008, viewer.outbox.why_ended)
 
     # From a page to the game
 

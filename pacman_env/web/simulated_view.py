@@ -140,6 +140,7 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
     linked = replace(rules, level=rules.level if played.level is None else played.level, settings=settings)
     height, width = assets.occupancy.grey.shape
     facts = {
+        **vars(rules),
         **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),
         "map": {
             "name": rules.map,
@@ -150,12 +151,8 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         },
         "home": assets.grid.home.tolist(),
         "pellets": xy[: len(ids)],
-        "policy": rules.policy,
-        "second": rules.second,
-        "preset": rules.preset,
         "seed": played.seed,
         "level": played.level,
-        "settings": dict(rules.settings),
         "clyde_speed_mps": config.clyde.speed_mps,
         "link": linked.link(played.seed, config.clyde.speed_mps),
         "preparing": False,
