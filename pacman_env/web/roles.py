@@ -82,8 +82,7 @@ class RoleControl:
     def take(self, person: str) -> None:
         if self.operator not in (None, person):
             raise Refused(f"{self.operator} has control: ask for it")
-        if self.operator is None:
-            self._pass_to(person)
+        self._pass_to(person)
 
     def ask(self, person: str) -> None:
         """Request control for a person, who gets it at once if there is no operator."""

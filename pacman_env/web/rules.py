@@ -106,9 +106,6 @@ class Choices:
                 raise Refused(f"{what} {name!r}: {suggest(name, known)}")
         for name in rules.settings.keys() - {setting.name for setting in self._settings}:
             raise Refused(f"setting {name!r}: cannot be set on this page")
-        longest = rules.settings.get("time_limit_s", 0.0)
-        if isinstance(longest, float | int) and longest > _LONGEST_S:
-            raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
         if rules.level is not None:
             if rules.map != GENERATED:
                 raise Refused(f"level {rules.level}: map {rules.map!r} has none")
@@ -127,6 +124,8 @@ class Choices:
         arguments = EnvArguments(source, preset=rules.preset, ghosts=rules.ghosts, settings=changes)
         try:
             config, policies = arguments.make_config()
+            if config.time_limit_s > _LONGEST_S:
+                raise ConfigError(f"time_limit_s = {config.time_limit_s}: at most {_LONGEST_S:g} s here")
             return config, arguments.make_source(config), policies
         except (ConfigError, MapError) as error:
             raise Refused(str(error)) from error

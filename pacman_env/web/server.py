@@ -35,7 +35,6 @@ SPARE_CONNECTIONS = 50
 PING_S, PONG_S = 3.0, 5.0  # a page without answers is gone after 8 s
 _START_S = 0.005  # polling period while the server starts
 _WAKE_S = 0.5
-_COMPRESSION = 6  # of HTTP answers by gzip; 9 takes longer and saves hardly any bytes
 _LOGGER = logging.getLogger("uvicorn.error")
 
 
@@ -107,7 +106,7 @@ class WebServer:
             return PlainTextResponse("internal error\n", 500)
 
         routes = [*Routes(self._game, sessions, log).all(), WebSocketRoute("/ws", sessions.serve)]
-        compression = Middleware(GZipMiddleware, compresslevel=_COMPRESSION)
+        compression = Middleware(GZipMiddleware, compresslevel=6)  # 9 takes longer and saves hardly any bytes
         application = Starlette(routes=routes, middleware=[compression], exception_handlers={Exception: failed})
         names = (*map(Name, names_of(self.host, self.address)), *self._names)
         return uvicorn.Config(

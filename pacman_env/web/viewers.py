@@ -107,7 +107,7 @@ class Update(NamedTuple):
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str  # the frame; empty if it has not changed
+    encoded: str  # the frame as JSON, or an empty string
 
 
 class Audience:
@@ -118,7 +118,6 @@ class Audience:
         self.pictures: dict[int, bytes] = {}  # pictures by revision of the scene
         self._game, self._most, self._people = game, most, people
         self._options_due = False  # True: reset the options at the next poll, because a person came to an unused page
-        self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
@@ -153,13 +152,12 @@ class Audience:
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
-        encoded = frame.encode() if frame is not None and frame.number != self._number else ""
-        return Update(viewers, choices, scene, news, frame, encoded)
+        return Update(viewers, choices, scene, news, frame, frame.encode() if frame is not None else "")
 
     def send(self, update: Update | None) -> None:
         """Send the news to all viewers, and the whole state to viewers that connected since the last update."""
         if update is None:
-            self._news, self._number, self._frame, self._scene = None, None, "", None
+            self._news, self._scene = None, None
             return
         scene_changed = self._scene is None or update.scene.revision != self._scene.revision
         if scene_changed:
@@ -167,9 +165,8 @@ class Audience:
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
         without_why = [item for item in news if "why" not in item]  # long: sent only to pages that show them
-        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
-        if update.encoded and update.frame is not None:
-            self._number, self._frame = update.frame.number, update.encoded
+        people_before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
+        frame_before, self._frame = self._frame, update.encoded
         for viewer in update.viewers:
             if viewer.is_fresh:
                 viewer.send(self._hello(viewer, update.choices))
@@ -177,9 +174,9 @@ class Audience:
                 viewer.outbox.put_text(self._scene_text)
             if items := news if viewer.why else without_why:
                 viewer.send({"kind": "news", "items": items})
-            if viewer.is_fresh or self._people_text != before:
+            if viewer.is_fresh or self._people_text != people_before:
                 viewer.outbox.put_text(self._people_text)
-            if self._frame and (viewer.is_fresh or update.encoded):
+            if self._frame and (viewer.is_fresh or self._frame != frame_before):
                 viewer.outbox.put_frame(self._frame)
             viewer.is_fresh = False
 
