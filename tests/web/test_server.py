@@ -211,9 +211,9 @@ def test_control_belongs_to_one_person_until_given(game: ScriptedGame, server: W
         assert not one.ask("start")["ok"]
 
 
-@pytest.mark.parametrize("cause", ["time", "menu"])
+@pytest.mark.parametrize("cause", ["time", "menu", "time while the game fails"])
 def test_control_is_free_after_page_has_left(
-    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch, cause: str
+    game: ScriptedGame, server: WebServer, lines: list[str], monkeypatch: pytest.MonkeyPatch, cause: str
 ) -> None:
     monkeypatch.setattr(roles, "KEPT_S", 600.0)
     with Page(server) as other:
@@ -223,11 +223,13 @@ def test_control_is_free_after_page_has_left(
             other.people(operator=one.name)
         wait_for(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
-        if cause == "time":
-            monkeypatch.setattr(roles, "KEPT_S", 0.0)
-        else:
+        if cause == "menu":
             game.state = "menu"
-        other.people(operator=None)
+            other.people(operator=None)
+        else:
+            game.fails = {"frame"} if "fails" in cause else set()
+            monkeypatch.setattr(roles, "KEPT_S", 0.0)
+            wait_for(lambda: any("did not come back" in line for line in lines))
         assert other.ask("start")["ok"]
         assert other.ask("role", role="robot")["ok"]
 
