@@ -11,12 +11,12 @@ import ipaddress
 import re
 import secrets
 import socket
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import urlencode
 
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -38,11 +38,8 @@ HEADERS = {
 #: Headers for loopback addresses: elsewhere a browser obeys them only over https, and otherwise logs errors.
 LOCAL_HEADERS = {"cross-origin-opener-policy": "same-origin", "cross-origin-embedder-policy": "require-corp"}
 
-
-_NAME = re.compile(
-    r"((?P<scheme>https?)://)?(?P<host>[a-z0-9._-]+|\[?[0-9a-f:]+\]?)(?P<port>:\d{1,5})?(?P<path>(/[\w.~-]+)*/?)",
-    re.ASCII | re.IGNORECASE,
-)
+_HOST = r"(?P<host>[a-z0-9._-]+|\[?[0-9a-f:]+\]?)(?P<port>:\d{1,5})?"
+_NAME = re.compile(rf"((?P<scheme>https?)://)?{_HOST}(?P<path>(/[\w.~-]+)*/?)", re.ASCII | re.IGNORECASE)
 _DEFAULT_PORTS = {"http": ":80", "https": ":443"}  # browsers leave these out of the Origin header
 
 
@@ -66,19 +63,6 @@ class Name:
             return cls(name)
         return cls(name, f"{scheme}://{host}{port.removesuffix(_DEFAULT_PORTS[scheme])}", match["path"].rstrip("/"))
 
-    @property
-    def netloc(self) -> str:
-        return self.origin.partition("//")[2]
-
-    @property
-    def is_local(self) -> bool:
-        return self.host == "localhost" or is_loopback(self.host)
-
-    @property
-    def url(self) -> str:
-        """Return the address of the page behind the proxy, or an empty string if there is no proxy."""
-        return f"{self.origin}{self.path}/" if self.origin else ""
-
 
 @dataclass(frozen=True)
 class Tokens:
@@ -93,31 +77,23 @@ class Tokens:
     def new(cls) -> Tokens:
         return cls(secrets.token_urlsafe(24), secrets.token_urlsafe(24))
 
-    def access(self, token: str | None) -> Kind | None:
-        given = (token or "").encode()
+    def access(self, token: str) -> Kind | None:
+        given = token.encode()
         operator = hmac.compare_digest(given, self.operator.encode())
         viewer = hmac.compare_digest(given, self.viewer.encode())  # always compare both: the time reveals nothing
         return "operator" if operator else "viewer" if viewer else None
 
 
-def is_loopback(address: str) -> bool:
+def is_local(host: str) -> bool:
     try:
-        return ipaddress.ip_address(address).is_loopback
+        return host == "localhost" or ipaddress.ip_address(host).is_loopback
     except ValueError:
         return False
 
 
-def host_name(host: str) -> str | None:
-    """Return the name in a Host header, in lower case without the port, or None if it is invalid."""
-    match = _NAME.fullmatch(host.strip())
-    if match is None or match["scheme"] or match["path"]:
-        return None
-    return match["host"].lower().strip("[]").removesuffix(".")
-
-
 def names_of(host: str, address: str) -> tuple[str, ...]:
     """Return the Host headers to accept: ``host``, its IP address, and this machine's names."""
-    if is_loopback(address):
+    if is_local(address):
         return (host, address, "localhost")
     here = socket.gethostname()
     return (host, address, here, f"{here.partition('.')[0]}.local")
@@ -126,50 +102,45 @@ def names_of(host: str, address: str) -> tuple[str, ...]:
 class AccessControl:
     """Middleware that refuses requests. In accepted requests, ``access`` replaces the token in the scope."""
 
-    def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Iterable[Name], log: Log):
+    def __init__(self, application: ASGIApp, tokens: Tokens | None, names: Sequence[Name], log: Log):
         self._application, self._tokens, self._log = application, tokens, log
-        names = tuple(names)
-        self._names = frozenset(name.host for name in names)  # accepted in addition to the server's own address
-        self._origins = frozenset(name.origin for name in names if name.origin)
-        self._proxied = frozenset(host for name in names for host in (name.host, name.netloc) if name.origin)
-        self._paths = tuple(f"{name.path}/" for name in names if name.path)
+        self._names = {name.host for name in names}  # accepted in addition to the server's own address
+        self._origins = {name.origin for name in names if name.origin}
+        self._proxied = {host for name in names if name.origin for host in (name.host, name.origin.split("/")[2])}
+        self._paths = [f"{name.path}/" for name in names if name.path]
         self._headers = HEADERS | (LOCAL_HEADERS if tokens is None else {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         async def send_with_headers(message: Message) -> None:
             if message["type"].endswith("http.response.start"):
-                MutableHeaders(scope=message).update(self._headers)
+                headers = MutableHeaders(scope=message)
+                headers.update(self._headers)
+                headers.setdefault("cache-control", "no-cache")  # cached, and revalidated each time
             await send(message)
 
         for path in self._paths:
             if scope["path"].startswith(path):  # the proxy has not removed it
                 scope["path"] = scope["path"][len(path) - 1 :]
                 break
-        answer, refusal = self._application, self._refusal(scope)
-        if refusal is not None:
-            status, words = refusal
-            self._log.add(words, f"refused: {words}")
-            answer = refusal_response(status, words)
+        refusal = self._refusal(scope)
+        answer = refusal_response(*refusal, self._log) if refusal else self._application
         await answer(scope, receive, send_with_headers)
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         headers = Headers(scope=scope)
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
-        name = host_name(hosts[0]) if len(hosts) == 1 else None
+        host = hosts[0].strip().lower() if len(hosts) == 1 else ""
+        match = re.fullmatch(_HOST, host, re.ASCII)
+        name = match["host"].strip("[]").removesuffix(".") if match else None
         address = (scope.get("server") or ("", 0))[0].lower().removeprefix("::ffff:")  # IPv4 on an IPv6 socket
-        if name is None or (name != address and name not in self._names):
+        if name not in (address, *self._names):
             return 421, "an unknown Host (add a name with --name)"
-        if len(origins) > 1 or (origins and not self._is_own(origins[0].lower(), hosts[0].strip().lower())):
+        if len(origins) > 1 or (origins and not self._is_own(origins[0].lower(), host)):
             return 403, "a page of another origin (behind a proxy: --name with the page's whole address)"
-        try:
-            query = parse_qsl(scope["query_string"].decode("ascii"), keep_blank_values=True, max_num_fields=20)
-        except ValueError:
-            return 400, "an address that cannot be read"
-        token = next((value for key, value in query if key == "token"), None)
-        for value in headers.getlist("authorization"):
-            if value[:7].lower() == "bearer ":
-                token = value[7:].strip()
-        scope["query_string"] = urlencode([pair for pair in query if pair[0] != "token"]).encode()
+        query = QueryParams(scope["query_string"])
+        scheme, _, credentials = headers.get("authorization", "").partition(" ")
+        token = credentials.strip() if scheme.lower() == "bearer" else query.get("token", "")
+        scope["query_string"] = urlencode([pair for pair in query.multi_items() if pair[0] != "token"]).encode()
         scope["headers"] = [pair for pair in scope["headers"] if pair[0] != b"authorization"]
         access = "operator" if self._tokens is None else self._tokens.access(token)
         if access is None and not scope["path"].startswith(OPEN):
@@ -178,11 +149,11 @@ class AccessControl:
         return None
 
     def _is_own(self, origin: str, host: str) -> bool:
-        if origin in self._origins:
-            return True
         # A proxy may pass on the Host without the port: then every other server of that machine has the same Host.
-        return host not in self._proxied and origin in (f"http://{host}", f"https://{host}")
+        is_same = host not in self._proxied and origin in (f"http://{host}", f"https://{host}")
+        return is_same or origin in self._origins
 
 
-def refusal_response(status: int, words: str) -> PlainTextResponse:
+def refusal_response(status: int, words: str, log: Log) -> PlainTextResponse:
+    log.add(words, f"refused: {words}")
     return PlainTextResponse(f"{words}\n", status, {"connection": "close"})

@@ -8,29 +8,29 @@ from pacman_env.web.access import Tokens
 
 _SEND_BUFFER = 1 << 17  # bytes; small, so that a slow reader gets newer frames
 _UNREAD_MS = 10_000  # the system disconnects clients that read nothing for this time (Linux only)
+#: By the name of all addresses: their family, and an address that is reserved for documentation.
+_ALL = {"0.0.0.0": (socket.AF_INET, "192.0.2.1"), "::": (socket.AF_INET6, "2001:db8::1")}
 
 
 def bind(host: str, port: int) -> socket.socket:
     """Return a socket bound to an address of this machine; raises OSError with the reason."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, UnicodeError) as error:
         raise OSError(f"{host}: no such address") from error
-    bound = socket.socket(family, kind, protocol)
     try:
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
-        if hasattr(socket, "TCP_USER_TIMEOUT"):
-            bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
-        bound.bind(address)
+        bound = socket.create_server(address, family=family, dualstack_ipv6=family == socket.AF_INET6)
     except OSError as error:
-        bound.close()
         reasons = {
             errno.EADDRINUSE: f"port {port} of {host} is in use: choose another port, or 0 for any free one",
             errno.EADDRNOTAVAIL: f"{host} is not an address of this computer",
             errno.EACCES: f"port {port} of {host} is not permitted: choose a port from 1024 on, or 0 for any free one",
         }
         raise OSError(reasons.get(error.errno or 0, f"{host}, port {port}: {error.strerror}")) from error
+    # Connections inherit these options.
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER)
+    if hasattr(socket, "TCP_USER_TIMEOUT"):
+        bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNREAD_MS)
     return bound
 
 
@@ -43,21 +43,17 @@ def with_token(url: str, token: str) -> str:
     return f"{url}?token={token}" if token else url
 
 
-def own_address(family: int = socket.AF_INET) -> str | None:
-    """Return the address by which other machines reach this one, or None; nothing is sent."""
-    there = "192.0.2.1" if family == socket.AF_INET else "2001:db8::1"  # addresses reserved for documentation
+def shown_address(address: str) -> str:
+    """Return the address, or by which address other machines reach this one if it is bound to all; sends nothing."""
+    if address not in _ALL:
+        return address
+    family, there = _ALL[address]
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect((there, 9))
             return str(probe.getsockname()[0])
         except OSError:
-            return None
-
-
-def shown_address(address: str) -> str:
-    if address not in ("0.0.0.0", "::"):
-        return address
-    return own_address(socket.AF_INET6 if ":" in address else socket.AF_INET) or socket.gethostname()
+            return socket.gethostname()
 
 
 def qr_code(text: str) -> str:

@@ -76,14 +76,10 @@ class Frame(OptionalFields, frozen=True, tag_field="kind", tag="frame"):
 
 def thinned(plan: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return at most ``MOST_PLAN_POINTS`` points (K, 2) of a plan, including both ends."""
-    if len(plan) <= MOST_PLAN_POINTS:
-        return plan
-    return plan[np.linspace(0, len(plan) - 1, MOST_PLAN_POINTS).round().astype(int)]
+    return plan[np.linspace(0, len(plan) - 1, min(len(plan), MOST_PLAN_POINTS)).round().astype(int)]
 
 
 def _from_array(array: Any) -> Any:
-    if not isinstance(array, np.ndarray):
-        raise NotImplementedError(type(array).__name__)
     return (array if array.dtype == np.bool_ else array.round(_DECIMALS)).tolist()
 
 

@@ -32,10 +32,8 @@ class Log:
         self.add(f"{what} {type(error).__name__}", f"{what}: {type(error).__name__}: {error}{where}")
 
     def redact(self, record: logging.LogRecord) -> bool:
-        record.msg, record.args = self._redacted(record.getMessage()), ()
-        if record.exc_info:
-            text = logging.Formatter().formatException(record.exc_info)
-            record.exc_info, record.exc_text = None, self._redacted(text)
+        record.msg = self._redacted(logging.Formatter().format(record))  # with the traceback
+        record.args, record.exc_info, record.exc_text = (), None, None
         return True
 
     def _redacted(self, text: str) -> str:

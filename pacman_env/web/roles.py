@@ -52,12 +52,10 @@ class RoleControl:
         self.operator: str | None = None
         self.asking: list[str] = []  # people who have requested control, in order
         self.roles = Roles()
-        self.gone: dict[str, float] = {}  # by absent person: when the person left, s
-        self._claims: dict[str, tuple[bool, str | None]] = {}  # by absent person: had control, role
+        self.away: dict[str, tuple[float, bool, str | None]] = {}  # by person: when the page left (s), control, role
 
     def came(self, person: str) -> None:
-        self.gone.pop(person, None)
-        had_control, role = self._claims.pop(person, (False, None))
+        _, had_control, role = self.away.pop(person, (0.0, False, None))
         if had_control and self.operator is None:
             self._pass_to(person)
         if role is not None and role not in self.roles.people:
@@ -66,28 +64,25 @@ class RoleControl:
     def went(self, person: str, now: float) -> None:
         if person in self.asking:
             self.asking.remove(person)
-        if person == self.operator or self.roles.of(person) is not None:
-            self.gone[person] = now
+        had_control, role = person == self.operator, self.roles.of(person)
+        if had_control or role is not None:
+            self.away[person] = now, had_control, role
 
     def expire(self, now: float, round_runs: bool) -> list[str]:
         """Free control and roles of people that are gone, and return the people that did not come back in time."""
-        late = [person for person, since in self.gone.items() if now - since >= KEPT_S]
-        for person in late if round_runs else self.gone:
-            had_control, role = person == self.operator, self.roles.leave(person)
-            if had_control:
+        late = [person for person, (since, _, _) in self.away.items() if now - since >= KEPT_S]
+        for person in late if round_runs else self.away:
+            self.roles.leave(person)
+            if person == self.operator:
                 self._pass_to(None)
-            if had_control or role is not None:
-                self._claims[person] = had_control, role
         for person in late:
-            del self.gone[person]
-            self._claims.pop(person, None)
+            del self.away[person]
         return late
 
     def take(self, person: str) -> None:
         if self.operator not in (None, person):
             raise Refused(f"{self.operator} has control: ask for it")
-        if self.operator is None:
-            self._pass_to(person)
+        self._pass_to(person)
 
     def ask(self, person: str) -> None:
         """Request control for a person, who gets it at once if there is no operator."""

@@ -1,11 +1,8 @@
 """HTTP routes: the files of the page, maps, recorded rounds, and the upload of a map."""
 
 import asyncio
-import base64
-import binascii
 import mimetypes
 import re
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,7 @@ from pacman_env.web.sessions import VIEW_ONLY, Sessions
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
 UPLOAD_S = 20.0
+_PIECE = 1 << 16  # bytes of a round that are sent at once, so that a slow reader blocks no more
 
 for _suffix, _kind in {"js": "javascript", "css": "css", "html": "html"}.items():  # the system's list may be wrong
     mimetypes.add_type(f"text/{_kind}", f".{_suffix}")
@@ -32,24 +30,17 @@ mimetypes.add_type("image/svg+xml", ".svg")
 class Upload(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
     yaml: str
-    image: str  # base64
+    image: bytes  # base64 in the message
 
 
 def map_name(name: str) -> str:
     return re.sub(r"[^a-z0-9_-]+", "-", name.lower())[:40].strip("-_") or "map"
 
 
-class PageFiles(StaticFiles):
-    def file_response(self, *arguments: Any, **options: Any) -> Response:
-        response = super().file_response(*arguments, **options)
-        response.headers["cache-control"] = "no-cache"  # cached, and revalidated each time
-        return response
-
-
 class Routes:
     def __init__(self, game: Game, sessions: Sessions, log: Log):
         self._game, self._sessions, self._log = game, sessions, log
-        self._files = PageFiles(directory=STATIC)
+        self._files = StaticFiles(directory=STATIC)
         self._upload = asyncio.Semaphore(1)  # bounds the memory of all uploads
 
     def all(self) -> list[BaseRoute]:
@@ -66,7 +57,7 @@ class Routes:
         return await self._files.get_response("index.html", request.scope)
 
     async def _health(self, request: Request) -> Response:
-        return JSONResponse({"ok": True, "version": __version__}, headers={"cache-control": "no-store"})
+        return JSONResponse({"ok": True, "version": __version__})
 
     async def _picture(self, request: Request) -> Response:
         picture = self._sessions.audience.pictures.get(request.path_params["revision"])
@@ -75,50 +66,38 @@ class Routes:
         return Response(picture, media_type="image/png", headers={"cache-control": "no-store"})
 
     async def _story(self, request: Request) -> Response:
-        number = request.path_params["number"]
-        story = await self._sessions.requests.in_thread(self._game.story, number) if number < 2**31 else None
+        story = await self._sessions.in_thread(self._game.story, request.path_params["number"])
         if story is None:
             return PlainTextResponse("no such round\n", 404)
-
-        async def pieces() -> AsyncIterator[bytes]:  # a slow reader blocks one chunk, not all
-            for at in range(0, len(story), 1 << 16):
-                yield story[at : at + (1 << 16)]
-
-        headers = {"cache-control": "no-store", "content-length": str(len(story))}
-        return StreamingResponse(pieces(), media_type="application/json", headers=headers)
+        pieces = (story[at : at + _PIECE] for at in range(0, len(story), _PIECE))
+        return StreamingResponse(pieces, media_type="application/json", headers={"cache-control": "no-store"})
 
     async def _add_map(self, request: Request) -> Response:
         if request.scope["access"] != "operator":
-            return _map_refusal(403, VIEW_ONLY)
+            return _map_answer(403, VIEW_ONLY)
         if self._upload.locked():
-            return _map_refusal(429, "another map is being uploaded: try again in a moment")
+            return _map_answer(429, "another map is being uploaded: try again in a moment")
         async with self._upload:
             try:
                 async with asyncio.timeout(UPLOAD_S):
                     body = await _body(request)
                 if body is None:
-                    return _map_refusal(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
-                added = await self._sessions.requests.in_thread(self._add, body)
-            except TimeoutError:
-                return _map_refusal(408, "the upload took too long")
-            except ClientDisconnect:
-                return Response(status_code=400)
-            except msgspec.DecodeError as error:
-                return _map_refusal(400, f"no map: {error}")
+                    return _map_answer(413, f"a map of more than {MOST_UPLOAD >> 20} MB")
+                added = await self._sessions.in_thread(self._add, body)
+            except (TimeoutError, ClientDisconnect):
+                return _map_answer(408, "the upload took too long")
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+                return _map_answer(400, f"no map: {error}")
             except Refused as refused:  # well-formed: the page shows the reason, and the browser logs no error
-                return _map_refusal(200, str(refused))
+                return _map_answer(200, str(refused))
             except Exception as error:
                 self._log.error("a map", error)
-                return _map_refusal(500, "internal error")
-            return JSONResponse({"ok": True, "words": added["words"], "map": added["map"]})
+                return _map_answer(500, "internal error")
+            return _map_answer(200, added["words"], added["map"])
 
     def _add(self, body: bytes) -> dict[str, Any]:
-        try:
-            upload = msgspec.json.decode(body, type=Upload)
-            image = base64.b64decode(upload.image, validate=True)
-        except (UnicodeDecodeError, RecursionError, binascii.Error) as error:
-            raise msgspec.DecodeError(str(error)) from error
-        return self._game.add_map(map_name(upload.name), upload.yaml, image)
+        upload = msgspec.json.decode(body, type=Upload)
+        return self._game.add_map(map_name(upload.name), upload.yaml, upload.image)
 
 
 async def _body(request: Request) -> bytes | None:
@@ -126,15 +105,13 @@ async def _body(request: Request) -> bytes | None:
     body, size = bytearray(), 0
     async for part in request.stream():
         size += len(part)
-        if size > 8 * MOST_UPLOAD:
-            return None
-        if size > MOST_UPLOAD:
-            body.clear()
-        else:
+        if size <= MOST_UPLOAD:
             body += part
+        elif size > 8 * MOST_UPLOAD:
+            break
     return bytes(body) if size <= MOST_UPLOAD else None
 
 
-def _map_refusal(status: int, words: str) -> Response:
+def _map_answer(status: int, words: str, name: str | None = None) -> Response:
     headers = {"connection": "close"} if status in (408, 413) else {}  # the rest of the body is not read
-    return JSONResponse({"ok": False, "words": words, "map": None}, status, headers)
+    return JSONResponse({"ok": name is not None, "words": words, "map": name}, status, headers)

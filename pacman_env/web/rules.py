@@ -50,8 +50,7 @@ class Rules:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def changed(self, setup: Setup) -> Rules:
-        names = ("map", "level", "preset", "policy", "second", "ghosts", "settings")
-        given = {name: value for name in names if (value := getattr(setup, name)) is not None}
+        given = {name: value for name in vars(self) if (value := getattr(setup, name)) is not None}
         if "map" in given and "level" not in given:
             given["level"] = None
         return replace(self, **given)
@@ -66,17 +65,14 @@ class Rules:
 class Choices:
     """Available maps, policies and settings: shipped, installed, or given at the start as ``maps`` and ``policies``."""
 
-    def __init__(self, maps: Sequence[str | OccupancyMap] = (), policies: Sequence[str] = ()) -> None:
+    def __init__(self, maps: Sequence[str] = (), policies: Sequence[str] = ()) -> None:
         self._maps: dict[str, str | OccupancyMap] = {name: name for name in shipped_maps()}
-        for one in maps:
-            if one not in self._maps:
-                loaded = load_map(one) if isinstance(one, str) else one
-                self._maps[loaded.name] = loaded
-        self._policies = [name for name in policy_names() if name not in _VARIANTS]
+        files = [load_map(one) for one in maps if one not in self._maps]
+        self._maps |= {loaded.name: loaded for loaded in files}
         for spec in policies:
             make_policy(spec)
-            if spec not in self._policies:
-                self._policies.append(spec)
+        listed = [name for name in policy_names() if name not in _VARIANTS]
+        self._policies = list(dict.fromkeys([*listed, *policies]))
         shown = {s.name for s in settings() if s.name.partition(".")[0] in _GROUPS} - set(_CHOSEN_ELSEWHERE)
         self._settings = [s for s in settings() if s.name in {*shown, "time_limit_s"}]
 
@@ -110,9 +106,6 @@ class Choices:
                 raise Refused(f"{what} {name!r}: {suggest(name, known)}")
         for name in rules.settings.keys() - {setting.name for setting in self._settings}:
             raise Refused(f"setting {name!r}: cannot be set on this page")
-        longest = rules.settings.get("time_limit_s", 0.0)
-        if isinstance(longest, float | int) and longest > _LONGEST_S:
-            raise Refused(f"time_limit_s = {longest}: at most {_LONGEST_S:g} s here")
         if rules.level is not None:
             if rules.map != GENERATED:
                 raise Refused(f"level {rules.level}: map {rules.map!r} has none")
@@ -131,17 +124,13 @@ class Choices:
         arguments = EnvArguments(source, preset=rules.preset, ghosts=rules.ghosts, settings=changes)
         try:
             config, policies = arguments.make_config()
+            if config.time_limit_s > _LONGEST_S:
+                raise ConfigError(f"time_limit_s = {config.time_limit_s}: at most {_LONGEST_S:g} s here")
             return config, arguments.make_source(config), policies
         except (ConfigError, MapError) as error:
             raise Refused(str(error)) from error
 
     def add_map(self, name: str, text: str, image: bytes) -> dict[str, Any]:
-        try:
-            loaded = read_map(name, text, image)
-        except MapError as error:
-            raise Refused(str(error)) from error
-        if loaded.grey.size > _MOST_PIXELS:
-            raise Refused(f"the image of {name}: {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
         if name in shipped_maps() or name == GENERATED:
             raise Refused(f"map {name!r}: a shipped map has this name")
         own = [known for known, one in self._maps.items() if not isinstance(one, str)]
@@ -149,6 +138,9 @@ class Choices:
             raise Refused(f"{_MOST_MAPS} maps are stored, the limit: use the name of a map that may be replaced")
         config = Config()
         try:
+            loaded = read_map(name, text, image)
+            if loaded.grey.size > _MOST_PIXELS:
+                raise MapError(f"the image has {loaded.grey.size} pixels, at most {_MOST_PIXELS}")
             pellets = generate_pellets(loaded, config.pellets)
             report = check_map(loaded, pellets.position, pellets.ids, config)
             map_assets(loaded, config)

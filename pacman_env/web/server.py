@@ -9,17 +9,19 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import WebSocketRoute
-from starlette.types import ASGIApp
 
-from pacman_env.web.access import AccessControl, Name, Tokens, is_loopback, names_of
+from pacman_env.web.access import AccessControl, Name, Tokens, is_local, names_of
 from pacman_env.web.address import bind, link, start_text, with_token
 from pacman_env.web.game_interface import Game
 from pacman_env.web.log import Log
@@ -55,9 +57,7 @@ class WebServer:
         self._game, self._viewers = game, viewers
         self._names = tuple(map(Name.parse, names))
         self._write = write or partial(print, "pacman-env web:", file=sys.stderr, flush=True)
-        self._log: Log | None = None
-        self._server: _Server | None = None
-        self._thread: threading.Thread | None = None
+        self._opened = ExitStack()
 
     @property
     def url(self) -> str:
@@ -66,41 +66,39 @@ class WebServer:
     @property
     def public_url(self) -> str:
         """Return the address that others use, without a token."""
-        return next((name.url for name in self._names if name.url), link(self.address, self.port))
+        proxied = [f"{name.origin}{name.path}/" for name in self._names if name.origin]
+        return proxied[0] if proxied else link(self.address, self.port)
 
-    def __enter__(self) -> WebServer:
-        self.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def start(self) -> None:
+    def start(self) -> WebServer:
         """Start to serve. Raises OSError if the address is in use or does not belong to this machine."""
         bound = bind(self.host, self.port)
         self.address, self.port = bound.getsockname()[:2]
-        if self.tokens is None and not (is_loopback(self.address) and all(name.is_local for name in self._names)):
+        if self.tokens is None and not all(map(is_local, [self.address, *(name.host for name in self._names)])):
             self.tokens = Tokens.new()
-        self._log = log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
+        log = Log(self._write, (self.tokens.operator, self.tokens.viewer) if self.tokens else ())
         _LOGGER.addFilter(log.redact)
+        self._opened.callback(_LOGGER.removeFilter, log.redact)
         sessions = Sessions(self._game, log, self._viewers)
-        self._server = server = _Server(self._configuration(sessions, log), sessions)
-        self._thread = threading.Thread(target=server.run, args=([bound],), name="web", daemon=True)
-        self._thread.start()
+        server = _Server(self._configuration(sessions, log), sessions)
+        thread = threading.Thread(target=server.run, args=([bound],), name="web", daemon=True)
+        thread.start()
+        self._opened.callback(thread.join)
+        self._opened.callback(setattr, server, "should_exit", True)
         while not server.started:
-            if not self._thread.is_alive():
+            if not thread.is_alive():
                 self.close()
                 raise OSError("the page cannot be served")
             time.sleep(_START_S)
+        return self
+
+    __enter__ = start
 
     def close(self) -> None:
         """Close all connections and end the server, within 2 s."""
-        if self._thread is None or self._server is None or self._log is None:
-            return
-        self._server.should_exit = True
-        self._thread.join()
-        self._thread = None
-        _LOGGER.removeFilter(self._log.redact)
+        self._opened.close()
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
     def _configuration(self, sessions: Sessions, log: Log) -> uvicorn.Config:
         async def failed(request: Request, error: Exception) -> Response:
@@ -108,9 +106,10 @@ class WebServer:
             return PlainTextResponse("internal error\n", 500)
 
         routes = [*Routes(self._game, sessions, log).all(), WebSocketRoute("/ws", sessions.serve)]
-        application: ASGIApp = Starlette(routes=routes, exception_handlers={Exception: failed})
+        compression = Middleware(GZipMiddleware, compresslevel=6)  # 9 takes longer and saves hardly any bytes
+        application = Starlette(routes=routes, middleware=[compression], exception_handlers={Exception: failed})
         names = (*map(Name, names_of(self.host, self.address)), *self._names)
-        config = uvicorn.Config(
+        return uvicorn.Config(
             AccessControl(application, self.tokens, names, log),
             http="h11",
             ws="websockets-sansio",
@@ -129,8 +128,6 @@ class WebServer:
             h11_max_incomplete_event_size=16 << 10,
             timeout_graceful_shutdown=1,
         )
-        config.load()
-        return config
 
 
 class _Server(uvicorn.Server):
@@ -139,10 +136,9 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, sessions: Sessions):
         super().__init__(config)
         self._sessions = sessions
-        self._ticks: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[Any] | None = None) -> None:
-        self._ticks = asyncio.create_task(self._sessions.run())
+        self._sessions.spawn(self._sessions.run())
         await super().startup(sockets)
 
     async def shutdown(self, sockets: list[Any] | None = None) -> None:

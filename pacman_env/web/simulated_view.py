@@ -89,10 +89,9 @@ class FeedbackPlayer:
         else:
             answer = FEEDBACK[word]
             self._news.add(event=word)
-            if answer.light is not None:
-                self.show("light", answer.light.word, now)
-            if answer.sound is not None:
-                self.show("sound", answer.sound.word, now)
+            for kind, shown in (("light", answer.light), ("sound", answer.sound)):
+                if shown is not None:
+                    self.show(kind, shown.word, now)
             if answer.motion is not None:
                 self._motion = answer.motion if self.armed else "stop"
                 self._motion_s = self._moved_s = now
@@ -133,15 +132,15 @@ def _pose_between(old: Pose, new: Pose, share: float) -> Any:
 
 
 def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
-    assets, config, linked = played.assets, played.config, rules
+    assets, config, settings = played.assets, played.config, dict(rules.settings)
     xy, ids = assets.goal_xy.round(4).tolist(), assets.pellet_ids.tolist()
     power_pellets = np.flatnonzero(played.power_pellets).tolist()
-    if played.level is not None:
-        linked = replace(linked, level=played.level)
     if power_pellets:  # the time is shorter in later rounds
-        linked = replace(linked, settings={**rules.settings, "power.duration_s": config.power.duration_s})
+        settings["power.duration_s"] = config.power.duration_s
+    linked = replace(rules, level=rules.level if played.level is None else played.level, settings=settings)
     height, width = assets.occupancy.grey.shape
     facts = {
+        **vars(rules),
         **scene_facts(config.value, xy, ids, power_pellets, dict(enumerate(rules.ghosts))),
         "map": {
             "name": rules.map,
@@ -152,12 +151,8 @@ def scene_of(played: PlayedRound, rules: Rules, revision: int) -> Scene:
         },
         "home": assets.grid.home.tolist(),
         "pellets": xy[: len(ids)],
-        "policy": rules.policy,
-        "second": rules.second,
-        "preset": rules.preset,
         "seed": played.seed,
         "level": played.level,
-        "settings": dict(rules.settings),
         "clyde_speed_mps": config.clyde.speed_mps,
         "link": linked.link(played.seed, config.clyde.speed_mps),
         "preparing": False,

@@ -3,7 +3,6 @@
 import asyncio
 import secrets
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -28,10 +27,9 @@ class Outbox:
 
     def __init__(self) -> None:
         self.why_ended = ""
-        self._texts: deque[str] = deque()
-        self._bytes = 0
-        self._frame: str | None = None
-        self._wake = asyncio.Event()
+        self._texts: list[str] = []
+        self._frame = ""
+        self._wake = asyncio.Event()  # something waits, or the end has come
 
     def put_frame(self, frame: str) -> None:
         if not self.why_ended:
@@ -42,29 +40,24 @@ class Outbox:
         if self.why_ended:
             return
         self._texts.append(text)
-        self._bytes += len(text)
         self._wake.set()
-        if len(self._texts) > MOST_TEXTS or self._bytes > MOST_BYTES:
+        if len(self._texts) > MOST_TEXTS or sum(map(len, self._texts)) > MOST_BYTES:
             self.end("your connection is too slow for the game")
 
     def end(self, words: str) -> None:
         """Replace all waiting texts and frames by a last message ``bye`` with these words."""
         if not self.why_ended:
-            self._texts = deque([as_json({"kind": "bye", "words": words})])
-            self._frame = None
+            self._texts, self._frame = [as_json({"kind": "bye", "words": words})], ""
             self.why_ended = words
             self._wake.set()
 
     async def get(self) -> list[str]:
         """Wait for at least one text or frame and return the queue; empty after the end."""
-        while not self._texts and self._frame is None:
-            if self.why_ended:
-                return []
+        await self._wake.wait()
+        waiting = [*self._texts, self._frame] if self._frame else self._texts
+        self._texts, self._frame = [], ""
+        if not self.why_ended:
             self._wake.clear()
-            await self._wake.wait()
-        waiting = [*self._texts, *([] if self._frame is None else [self._frame])]
-        self._texts.clear()
-        self._bytes, self._frame = 0, None
         return waiting
 
 
@@ -88,26 +81,22 @@ class Viewer:
     leaving: asyncio.Task[str] | None = None
     _allowance: float = MESSAGES_PER_S  # messages; negative: above the rate
     _allowed_s: float = field(default_factory=time.monotonic)
-    _warned_s: float = -1.0
 
     def is_within_rate(self, now: float) -> bool:
-        left = self._allowance + (now - self._allowed_s) * MESSAGES_PER_S
-        self._allowance, self._allowed_s = min(MESSAGES_PER_S, left) - 1.0, now
-        if self._allowance >= 0.0:
-            return True
-        if now - self._warned_s >= 1.0:
-            self._warned_s = now
+        left = min(MESSAGES_PER_S, self._allowance + (now - self._allowed_s) * MESSAGES_PER_S)
+        self._allowance, self._allowed_s = left - 1.0, now
+        if 0.0 <= left < 1.0:  # the first one above the rate
             self.send({"kind": "refused", "words": "too many messages: some are ignored"})
-        if self._allowance < -PATIENCE:
+        if left < -PATIENCE:
             self.outbox.end("too many messages")
-        return False
+        return left >= 1.0
 
     def send(self, message: dict[str, Any]) -> None:
         self.outbox.put_text(as_json(message))
 
-    def answer(self, message: Message, refusal: str = "") -> None:
+    def answer(self, message: Message, refusal: str = "", data: Any = None) -> None:
         if message.id:
-            self.send({"kind": "answer", "id": message.id, "ok": not refusal, "words": refusal, "data": None})
+            self.send({"kind": "answer", "id": message.id, "ok": not refusal, "words": refusal, "data": data})
         elif refusal:
             self.send({"kind": "refused", "words": refusal})
 
@@ -118,7 +107,7 @@ class Update(NamedTuple):
     scene: Scene
     news: list[dict[str, Any]]
     frame: Frame | None
-    encoded: str  # the frame; empty if it has not changed
+    encoded: str  # the frame as JSON, or an empty string
 
 
 class Audience:
@@ -129,13 +118,13 @@ class Audience:
         self.pictures: dict[int, bytes] = {}  # pictures by revision of the scene
         self._game, self._most, self._people = game, most, people
         self._options_due = False  # True: reset the options at the next poll, because a person came to an unused page
-        self._number: int | None = None
         self._frame = ""
         self._scene: Scene | None = None
         self._scene_text = ""
         self._news: int | None = None  # number of the news sent last; None: send only future news
         self._people_text = ""
         self._watched = (False, False)
+        self._run = secrets.token_hex(8)  # differs after a restart: its games, rounds and roles are new
 
     def has_room(self, access: Kind) -> bool:
         return len(self.viewers) < self._most + (MORE_OPERATORS if access == "operator" else 0)
@@ -145,8 +134,7 @@ class Audience:
         self.viewers.append(viewer)
 
     def remove(self, viewer: Viewer) -> None:
-        if viewer in self.viewers:
-            self.viewers.remove(viewer)
+        self.viewers = [other for other in self.viewers if other is not viewer]
 
     def poll(self) -> Update | None:
         viewers = tuple(self.viewers)
@@ -164,13 +152,12 @@ class Audience:
         if scene is None or frame is None or frame.revision != scene.revision:
             scene = self._game.scene()
         news = self._game.news(self._news or 0)
-        encoded = frame.encode() if frame is not None and frame.number != self._number else ""
-        return Update(viewers, choices, scene, news, frame, encoded)
+        return Update(viewers, choices, scene, news, frame, frame.encode() if frame is not None else "")
 
     def send(self, update: Update | None) -> None:
         """Send the news to all viewers, and the whole state to viewers that connected since the last update."""
         if update is None:
-            self._news, self._number, self._frame, self._scene = None, None, "", None
+            self._news, self._scene = None, None
             return
         scene_changed = self._scene is None or update.scene.revision != self._scene.revision
         if scene_changed:
@@ -178,37 +165,29 @@ class Audience:
         news = [] if self._news is None else update.news
         self._news = max((item["number"] for item in update.news), default=self._news or 0)
         without_why = [item for item in news if "why" not in item]  # long: sent only to pages that show them
-        news_texts = {
-            why: as_json({"kind": "news", "items": items}) if items else ""
-            for why, items in ((True, news), (False, without_why))
-        }
-        before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
-        if update.encoded and update.frame is not None:
-            self._number, self._frame = update.frame.number, update.encoded
+        people_before, self._people_text = self._people_text, as_json({"kind": "people", **self._people()})
+        frame_before, self._frame = self._frame, update.encoded
         for viewer in update.viewers:
             if viewer.is_fresh:
                 viewer.send(self._hello(viewer, update.choices))
             if viewer.is_fresh or scene_changed:
                 viewer.outbox.put_text(self._scene_text)
-            if news_texts[viewer.why]:
-                viewer.outbox.put_text(news_texts[viewer.why])
-            if viewer.is_fresh or self._people_text != before:
+            if items := news if viewer.why else without_why:
+                viewer.send({"kind": "news", "items": items})
+            if viewer.is_fresh or self._people_text != people_before:
                 viewer.outbox.put_text(self._people_text)
-            if self._frame and (viewer.is_fresh or update.encoded):
+            if self._frame and (viewer.is_fresh or self._frame != frame_before):
                 viewer.outbox.put_frame(self._frame)
             viewer.is_fresh = False
 
     def _hello(self, viewer: Viewer, choices: dict[str, Any]) -> dict[str, Any]:
         facts = {"version": __version__, "source": self._game.source, "access": viewer.access, "choices": choices}
-        return {"kind": "hello", **vocabulary(self._game.source), **facts, "you": viewer.name, "again": viewer.key}
+        person = {"you": viewer.name, "again": viewer.key, "run": self._run}
+        return {"kind": "hello", **vocabulary(self._game.source), **facts, **person}
 
     def _change_scene(self, scene: Scene) -> None:
-        facts = dict(scene.facts)
+        facts = {**scene.facts, "kind": "scene", "revision": scene.revision}
         if facts.get("map"):
             facts["map"] = {**facts["map"], "url": f"map/{scene.revision}.png"}
-        self._scene_text = as_json({**facts, "kind": "scene", "revision": scene.revision})
-        self._scene = scene
-        self.pictures.pop(scene.revision, None)
-        self.pictures[scene.revision] = scene.picture
-        while len(self.pictures) > MOST_PICTURES:
-            del self.pictures[next(iter(self.pictures))]
+        self._scene, self._scene_text = scene, as_json(facts)
+        self.pictures = dict([*self.pictures.items(), (scene.revision, scene.picture)][-MOST_PICTURES:])

@@ -7,6 +7,7 @@ import httpx
 import pytest
 
 from pacman_env import __version__
+from pacman_env.web import routes
 from pacman_env.web.access import Tokens
 from pacman_env.web.routes import MOST_UPLOAD, map_name
 from pacman_env.web.server import WebServer
@@ -26,6 +27,19 @@ def test_page_files_are_served_and_revalidated(server: WebServer, web: httpx.Cli
         again = web.get(f"{url}static/{name}", headers={"if-none-match": file.headers["etag"]})
         assert (again.status_code, again.content) == (304, b"")
     assert web.get(f"{url}health").json() == {"ok": True, "version": __version__}
+
+
+def test_large_answers_are_compressed_if_client_allows(serve: Callable[..., WebServer], web: httpx.Client) -> None:
+    game = ScriptedGame()
+    server = serve(game)
+    game.stories[1] = b"[0,1]" * 50_000
+    (routes.STATIC / "large.js").write_bytes(b"let a;" * 1000)
+    for path, content in {"story/1.json": game.stories[1], "static/large.js": b"let a;" * 1000}.items():
+        for encoding in ("gzip", "identity"):
+            with web.stream("GET", server.url + path, headers={"accept-encoding": encoding}) as answer:
+                assert answer.read() == content
+                assert (answer.num_bytes_downloaded < len(content) / 10) == (encoding == "gzip")
+                assert answer.headers["vary"] == "Accept-Encoding" or encoding == "identity"
 
 
 @pytest.mark.parametrize("path", ["", "no.js", "../secret.js", "%2e%2e/secret.js", "..%2fsecret.js", "a%00.js", "."])

@@ -211,9 +211,9 @@ def test_control_belongs_to_one_person_until_given(game: ScriptedGame, server: W
         assert not one.ask("start")["ok"]
 
 
-@pytest.mark.parametrize("cause", ["time", "menu"])
+@pytest.mark.parametrize("cause", ["time", "menu", "time while the game fails"])
 def test_control_is_free_after_page_has_left(
-    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch, cause: str
+    game: ScriptedGame, server: WebServer, lines: list[str], monkeypatch: pytest.MonkeyPatch, cause: str
 ) -> None:
     monkeypatch.setattr(roles, "KEPT_S", 600.0)
     with Page(server) as other:
@@ -223,13 +223,47 @@ def test_control_is_free_after_page_has_left(
             other.people(operator=one.name)
         wait_for(lambda: ("leave", one.name) in game.calls)  # what it drives stands at once, long before
         assert not other.ask("start")["ok"]
-        if cause == "time":
-            monkeypatch.setattr(roles, "KEPT_S", 0.0)
-        else:
+        if cause == "menu":
             game.state = "menu"
-        other.people(operator=None)
+            other.people(operator=None)
+        else:
+            game.fails = {"frame"} if "fails" in cause else set()
+            monkeypatch.setattr(roles, "KEPT_S", 0.0)
+            wait_for(lambda: any("did not come back" in line for line in lines))
         assert other.ask("start")["ok"]
         assert other.ask("role", role="robot")["ok"]
+
+
+def test_people_tell_that_operator_is_away(server: WebServer) -> None:
+    with Page(server) as other:
+        with Page(server) as one:
+            one.ask("control", what="take")
+            other.people(operator=one.name, away=False)
+        assert other.people(away=True)["operator"] == one.name
+        with Page(server, again=one.hello["again"]):
+            other.people(operator=one.name, away=False)
+
+
+def test_newcomer_finds_control_free_in_menu(
+    game: ScriptedGame, server: WebServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(roles, "KEPT_S", 600.0)
+    with Page(server) as one:
+        one.ask("control", what="take")
+        one.people(operator=one.name)
+    wait_for(lambda: ("leave", one.name) in game.calls)
+    game.state = "menu"
+    with Page(server) as other:
+        assert other.people()["operator"] is None
+
+
+def test_hello_has_new_run_after_restart(serve: Callable[..., WebServer]) -> None:
+    first, second = serve(ScriptedGame()), serve(ScriptedGame())
+    runs = []
+    for server in (first, first, second):
+        with Page(server) as page:
+            runs.append(page.hello["run"])
+    assert runs[0] == runs[1] != runs[2]
 
 
 def test_options_are_reset_only_if_page_is_unused(game: ScriptedGame, server: WebServer) -> None:
