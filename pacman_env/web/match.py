@@ -74,6 +74,7 @@ class Match:
         self._retry: tuple[int, int] | None = None  # round and score if a person tries a level again
         self._last_seed: int | None = None  # seed of the last round that ended
         self._shown: tuple[Frame, Frame] | None = None  # snapshots before and after the last tick
+        self._demo: tuple[int, bytes | None] = 0, None  # last demo, with the revision of its scene
         self._number = 0  # number of the frame
         self._key: Any = None  # everything that decides the content of the frame; a change gives the frame a new number
 
@@ -264,11 +265,12 @@ class Match:
 
     def demo(self) -> bytes | None:
         """Return the frames of the prepared round as its policy plays it, or None without a round."""
-        if self.round is None:
-            return None
-        played = self.round.unplayed((self._rules.policy,))
-        played.finish()
-        return encoded(played, self.scene.revision, self._controller.round)
+        revision = self.scene.revision
+        if self.round is not None and self._demo[0] != revision:
+            played = self.round.unplayed((self._rules.policy,))
+            played.finish()
+            self._demo = revision, encoded(played, revision, self._controller.round)
+        return self._demo[1]
 
     def compile_kernels(self) -> None:
         """Play some ticks of a hidden round, so that kernels are compiled now and not during a round."""

@@ -146,11 +146,6 @@ class PlayedRound:
         """Return the same round before its first tick, for other policies and without people."""
         return PlayedRound(self._given, self._source, copy.deepcopy(self._ghosts), names, self.seed)
 
-    def second_result(self) -> dict[str, Any] | None:
-        """Return the result of the second policy in the same round, or None if a person has influenced the round."""
-        changed = self.by_person or self.moves.placed or self.ghost_roles
-        return None if changed or len(self.names) < 2 else self.unplayed(self.names[1:]).finish()
-
     def replay(self, moves: Moves, ticks: int | None = None) -> None:
         """Play with recorded orders until ``ticks`` ticks or the end; raises Refused if they do not fit the round."""
         if max(moves.ghosts | moves.placed.keys(), default=0) >= len(self._behaviours):

@@ -74,10 +74,12 @@ class Recordings:
         return encoded(played, summary["revision"], summary["round"])
 
     def compare(self, number: int) -> dict[str, Any] | None:
-        """Return the second policy's result in a round, which is played at the first request."""
+        """Return the second policy's result in a round of policies, or None if people influenced the round."""
         played, summary = self._require(number)
         if "compared" not in summary:
-            summary["compared"] = played.second_result()
+            people = played.by_person or played.moves.placed or played.ghost_roles
+            alone = people or len(played.names) < 2
+            summary["compared"] = None if alone else played.unplayed(played.names[1:]).finish()
         return summary["compared"]
 
     def _require(self, number: int) -> tuple[PlayedRound, dict[str, Any]]:

@@ -129,14 +129,15 @@ let lastOperator = null;
 let lastAsking = "";
 let asked = false; // this person, who has no answer yet
 state.on("hello people connection", () => {
-  const { operator, asking, viewers, roles } = state.people;
+  const { operator, asking, viewers, roles, away } = state.people;
   const may = state.hello?.access === "operator" && state.connected;
   const mine = operator === state.me;
-  const holder = operator === null ? "Control is free" : mine ? "You have control" : `${operator} has control`;
+  const holder = operator === null ? "Control is free" : mine ? "You have control"
+    : `${operator} ${away ? "has left, control is free soon" : "has control"}`;
   write($("lease-words"), !state.hello ? "" : operator === null && !may ? "View only" : holder);
   $("lease-words").classList.toggle("important", operator !== null && !mine);
   $("lease-take").hidden = !may || operator !== null;
-  $("lease-ask").hidden = !may || operator === null || mine || asking.includes(state.me);
+  $("lease-ask").hidden = !may || operator === null || mine || away || asking.includes(state.me);
   $("lease-give").hidden = !may || !state.inControl;
   write($("viewers"), String(viewers));
   const others = state.inControl ? asking.filter((name) => name !== state.me).join(", ") : "";

@@ -5,12 +5,12 @@ import { $, focusMap, writeOrHide } from "./dom.js";
 // Why an element with these needs cannot be used now; empty if it can.
 function obstacle(state, needs) {
   if (!state.connected) return "There is no connection.";
-  const { operator } = state.people;
+  const { operator, away } = state.people;
   if ((needs.includes("control") || needs.includes("operator")) && state.hello?.access !== "operator") {
     return "View only: this is a viewer's link. STOP still works.";
   }
   if (needs.includes("control") && operator && operator !== state.me) {
-    return `${operator} has control. You can ask for it.`;
+    return away ? `${operator} has left: control is free within 10 s.` : `${operator} has control. You can ask for it.`;
   }
   const { state: now = "menu", stopped, over } = state.frame ?? {};
   const ended = over && state.source === "simulator"; // there the show at the end can be skipped
