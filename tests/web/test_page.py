@@ -305,12 +305,26 @@ def test_page_reconnects_to_restarted_server(visit: Visit, page_server: WebServe
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('#lost').textContent.includes('NOT delivered')")
     with WebServer(simulated, port=port, write=lambda _: None):
+        page.page.wait_for_selector(".notice[data-key=restarted]")
         page.wait("state.connected && document.querySelector('#lost').hidden", "it is back by itself")
         page.wait("state.frame.stopped", "the STOP that was owed arrives")
         page.page.click("#release:visible:enabled")
         page.wait("!state.frame.stopped")
         page.press("stop")
         page.wait("state.frame.stopped")
+
+
+def test_page_tells_that_messages_are_late(
+    visit: Visit, simulated: SimulatedGame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = visit()
+    start(page)
+    assert not page.page.is_visible("#late")
+    last = simulated.frame()
+    with monkeypatch.context() as context:
+        context.setattr(simulated, "frame", lambda: last)  # nothing new arrives
+        page.page.wait_for_selector("#late:visible")
+    page.page.wait_for_selector("#late", state="hidden")
 
 
 def test_page_keeps_connection_after_sleep(visit: Visit) -> None:

@@ -8,11 +8,13 @@ import { FORWARD_LEFT } from "./steering.js";
 const STEP_M = 0.2;
 const PAN_PX = 60;
 const SIDEWAYS = 1.5;
+const TWICE_MS = 1000; // within which a key pressed again means the pellet behind
 const WIDEST = 2; // metres to the side per metre ahead, within which a pellet lies in a direction
 const NEAREST = 9; // pellets in the list, one by key
 const LIST_MS = 500;
 
 export class Choosing {
+  #arrow = {}; // the pellet chosen last by an arrow key: {candidate, key, time}
   #goTo = (place) => this.game.request({ do: "goal", ...place });
 
   // `place` is called with a place that is clicked to set a pose or to place a ghost.
@@ -52,7 +54,7 @@ export class Choosing {
     const movesFocus = target?.matches?.("input[type=range], [role=tab]");
     if (role === "robot" && key.startsWith("Arrow") && !placing && !movesFocus) {
       event.preventDefault();
-      const candidate = this.#pelletTowards(FORWARD_LEFT[key]);
+      const candidate = this.#pelletTowards(key);
       if (candidate !== undefined) this.#goTo({ candidate });
     } else if (role === "robot" && /^Digit[1-9]$/.test(code)) {
       const pellet = this.#nearestPellets()[Number(code.at(-1)) - 1];
@@ -68,21 +70,27 @@ export class Choosing {
     }
   }
 
-  // The next pellet in a direction on the screen ([up, left]) from the robot, or from its goal if that is the next one:
-  // the nearest, where a metre to the side counts as SIDEWAYS metres.
-  #pelletTowards([up, left]) {
+  // The next pellet in the direction of a key on the screen: from the robot, or from its goal if the same key chose it.
+  // It is the nearest one, where a metre to the side counts as SIDEWAYS metres.
+  #pelletTowards(key) {
     const { scene, frame } = this.state;
-    const pose = robotPose(frame);
-    if (!scene || !pose) return undefined;
-    const towards = (origin) => scene.pellets.map((place, candidate) => {
-      const [from, to] = [origin, place].map(([x, y]) => this.map.view.toScreen(x, y));
-      const [right, down] = [to[0] - from[0], to[1] - from[1]];
+    const { candidate: last, key: lastKey, time } = this.#arrow;
+    const goesOn = key === lastKey && frame.alive[last] && (frame.goal === last || performance.now() - time < TWICE_MS);
+    const origin = goesOn ? scene.pellets[last] : robotPose(frame);
+    if (!origin) return undefined;
+    const [up, left] = FORWARD_LEFT[key];
+    const { view } = this.map;
+    const [x, y] = view.toScreen(...origin);
+    let [best, least] = [undefined, Infinity];
+    scene.pellets.forEach((place, candidate) => {
+      const [right, down] = view.toScreen(...place).map((to, k) => to - [x, y][k]);
       const [ahead, aside] = up ? [-up * down, Math.abs(right)] : [-left * right, Math.abs(down)];
-      return { candidate, ahead, aside, cost: ahead + SIDEWAYS * aside };
-    }).filter(({ candidate, ahead, aside }) => frame.alive[candidate] && ahead > 1 && aside < WIDEST * ahead)
-      .sort((a, b) => a.cost - b.cost)[0]?.candidate;
-    const first = towards(pose);
-    return first === frame.goal && first !== undefined ? towards(scene.pellets[first]) ?? first : first;
+      const cost = ahead + SIDEWAYS * aside;
+      if (!frame.alive[candidate] || ahead < 1 || aside > WIDEST * ahead || cost >= least) return;
+      [best, least] = [candidate, cost];
+    });
+    if (best !== undefined) this.#arrow = { candidate: best, key, time: performance.now() };
+    return best;
   }
 
   #nearestPellets() {

@@ -92,6 +92,7 @@ export function slider(input, describe, send, wait_ms) {
       send(value);
     }, Math.max(0, sent + wait_ms - moved));
   };
+  input.onpointerup = () => input.blur(); // arrow keys are the player's again
   return (value) => {
     if (performance.now() - moved < 1500 || value === undefined || Number(input.value) === value) return;
     input.value = String(value);

@@ -65,7 +65,7 @@ export function showResult(entry, shared = false) {
   $("end").hidden = Boolean(state.story) && !shared;
   showActions();
   if (shared) return;
-  state.emit("ended", isWon(entry));
+  state.emit("ended", entry.result);
   if (state.role !== "none") focusMap($("end-next"));
 }
 

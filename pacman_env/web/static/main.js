@@ -46,7 +46,7 @@ setHooks({
   moment: (entry) => stories.openMoment(entry), worse: (entry) => stories.openWorse(entry),
   share: (entry) => links.copy(entry), play: (entry) => links.play(entry),
 });
-state.on("ended", (won) => map.showEnd(won));
+state.on("ended", (result) => result !== "timeout" && map.showEnd(result !== "caught"));
 const guide = new Guide(state);
 new Welcome(state, game, new Demo(state, game, map));
 window.pacman = { count: state.count, state, sounds, view: map.view };
@@ -74,7 +74,9 @@ const receive = {
   hello(message) {
     const { hello, frame: before, role } = state;
     if (hello && hello.run !== message.run && (role !== "none" || before?.state !== "menu")) {
-      notice("The server was started again: the round and your role are lost.", { bad: true, stays: true });
+      notice("The server was started again: the round and your role are lost.", {
+        bad: true, stays: true, key: "restarted",
+      });
     }
     state.hello = message;
     game.remember(message.again);

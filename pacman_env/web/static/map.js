@@ -158,7 +158,7 @@ export class GameMap {
     this.redraw(false);
   }
 
-  // Shows the end of a round for a second.
+  // Shows for a second how a round has ended for the robot.
   showEnd(won) {
     this.#finale = { won, since: performance.now() };
     this.redraw(false);

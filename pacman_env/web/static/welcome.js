@@ -27,7 +27,7 @@ export class Welcome {
     const { game, state } = this;
     if ($("play-sound").checked) switchSound(true);
     if (!await game.request({ do: "role", role })) return;
-    if (!await game.request({ do: "setup", ...state.hello.choices.play }, SETUP_TIMEOUT_MS)) return;
+    if (!await game.request({ do: "setup", ...state.hello.choices.play[role.split("-")[0]] }, SETUP_TIMEOUT_MS)) return;
     if (await game.request({ do: "speed", times: PLAY_SPEED })) await game.request({ do: "start" });
   }
 }
