@@ -173,11 +173,12 @@ class Match:
         self._retry, self._lives = None, _LIVES
         if (self.state, self._controller.round, self._controller.score) != ("menu", 1, 0):
             self._act(self._controller.reset(self._clock_s))
-        self.lay_out(None, setup.moves, setup.until)
+        moves = setup.moves or NO_MOVES
+        self.lay_out(None, moves, setup.until)
         if not setup.finish:
             return None
         played = self.require_round()
-        played.replay(setup.moves)
+        played.replay(moves)
         self._record(played)
         self.lay_out(played.seed)
         return {"story": self.recordings.count}

@@ -49,7 +49,7 @@ class Setup(Message, frozen=True):
     seed: Seed | None = None
     settings: dict[Name, Value] | None = None
     finish: bool = False  # play the round to its end as fast as possible
-    moves: Moves = msgspec.field(default_factory=Moves)  # orders of people, as in a link
+    moves: Moves | None = None  # orders of people, as in a link
     until: Annotated[int, Meta(ge=0)] = 0  # number of ticks to play with these orders before the start
 
 
