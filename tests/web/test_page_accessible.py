@@ -60,9 +60,11 @@ NEWER = (
     ],
 )
 def test_axe_finds_no_accessibility_fault(visit: Visit, axe: str, width: int, scheme: str) -> None:
-    page = visit(color_scheme=scheme, viewport={"width": width, "height": 844}, has_touch=width < 800)
+    page = visit(first=True, color_scheme=scheme, viewport={"width": width, "height": 844}, has_touch=width < 800)
     page.page.evaluate(axe)
-    found = {}
+    page.page.wait_for_selector("#welcome:visible")
+    found = {"first visit": violations} if (violations := page.page.evaluate(RUN)) else {}
+    page.press("welcome-close")
     page.slide("speed", 8)  # while no panel hides it on a phone
     for tab in TABS:
         page.press(f"tab-{tab}")
@@ -82,6 +84,9 @@ def test_axe_finds_no_accessibility_fault(visit: Visit, axe: str, width: int, sc
             page.wait("state.frame.state === 'running' && document.querySelector('#why-table tbody tr')")
         elif tab == "rounds":
             page.wait("document.querySelector('#stories li button')")
+            page.page.wait_for_selector("#end:visible")
+            if violations := page.page.evaluate(RUN):
+                found["end of a round"] = violations
             page.page.locator("#stories li button").first.click()
             page.wait("state.story")
             page.wait("!document.querySelector('.notice')", "notices are gone")
@@ -97,7 +102,8 @@ def test_axe_finds_no_accessibility_fault(visit: Visit, axe: str, width: int, sc
 
 
 def test_controls_are_reached_by_keyboard(visit: Visit) -> None:
-    page = visit()
+    page = visit(first=True)
+    page.page.wait_for_selector("#welcome:visible")
     seen = []
     for _ in range(60):
         page.page.keyboard.press("Tab")
@@ -109,7 +115,8 @@ def test_controls_are_reached_by_keyboard(visit: Visit) -> None:
             break
         assert focus[1], f"the focus on {focus[0]} is not seen"
         seen.append(focus[0])
-    first = ["lease-take", "sound", "theme", "stop", "top", "zoom-in", "zoom-out", "fit", "follow", "layers"]
+    card = ["welcome-close", "play", "play-clyde", "watch", "play-sound"]
+    first = ["lease-take", "sound", "theme", "stop", "top", *card, "zoom-in", "zoom-out", "fit", "follow", "layers"]
     assert seen[: len(first)] == first
     assert {"start", "pause", "reset", "speed", "tab-game", "setup-map", "setup-start"} <= set(seen)
     page.page.focus("#tab-game")
