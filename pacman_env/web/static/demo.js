@@ -3,7 +3,7 @@
 import { $, stored } from "./dom.js";
 
 const SPEED = 4; // times real time
-const IDLE_MS = 30000; // after the last action of a person who has control
+const IDLE_MS = 30000; // after the end of a round, and after the last action of a person who has control
 const END_MS = 2500; // for which the last frame is shown
 const CHECK_MS = 250;
 const SEEN = "pacman_env.seen"; // in the browser's store, once the card was closed
@@ -11,6 +11,7 @@ const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Demo {
   #acted = -Infinity; // time of the last action
+  #ended = -Infinity; // and of the end of a round
   #closed = false; // by its card's button
   #timer = 0;
   #asked = 0; // revision of the scene whose demo was requested last
@@ -20,6 +21,7 @@ export class Demo {
     for (const event of ["pointerdown", "keydown"]) {
       addEventListener(event, () => (this.#acted = performance.now()));
     }
+    state.on("ended", () => (this.#ended = performance.now()));
     state.on("people role story placing scene frame connection", () => this.#check());
     setInterval(() => this.#check(), CHECK_MS);
   }
@@ -34,11 +36,12 @@ export class Demo {
   // Whether nobody plays and nothing else is shown.
   get #isIdle() {
     const { connected, source, scene, frame, role, story, posing, placing, people, me } = this.state;
-    const controlled = people.operator !== null
-      && (people.operator !== me || performance.now() - this.#acted < IDLE_MS);
+    const mine = people.operator === me;
+    const rests = performance.now() - Math.max(this.#ended, mine ? this.#acted : -Infinity) > IDLE_MS;
+    const free = (mine || people.operator === null) && role === "none";
+    const ready = connected && scene?.preparing === false && frame?.state === "menu" && !frame.stopped;
     const welcome = source === "simulator" || !stored("localStorage", SEEN);
-    return welcome && connected && scene?.preparing === false && frame?.state === "menu" && !frame.stopped
-      && role === "none" && !story && !posing && !placing && !controlled && !$("ask").open && !this.#closed;
+    return ready && free && rests && welcome && !story && !posing && !placing && !this.#closed && !$("ask").open;
   }
 
   #check() {
