@@ -10,8 +10,6 @@ const VIEW = {
 };
 const AT = [0, 0, 0];
 const GOAL = [0.04, 0.02];
-const SCENE = { pellets: [], candidates: [], refuges: [], robot: {} };
-const FRAME = { alive: [true], plan: [] };
 
 const ghost = (look, layers = {}) => ({ scene: { ghosts: [look] }, poses: { ghosts: [AT] }, layers });
 const pose = (name) => ({ poses: { ghosts: [], true: AT, [name]: AT } });
@@ -53,7 +51,8 @@ function drawn(shown) {
   const canvas = make("canvas", { width: WIDTH * ratio, height: HEIGHT * ratio, "aria-hidden": "true" });
   const painter = new Painter(canvas, VIEW);
   painter.context.scale(ratio, ratio);
-  const [scene, frame, colours] = [{ ...SCENE, ...shown.scene }, { ...FRAME, ...shown.frame }, palette()];
+  const scene = { pellets: [], candidates: [], refuges: [], robot: {}, ghosts: [], ...shown.scene };
+  const [frame, colours] = [{ alive: [true], plan: [], ...shown.frame }, palette()];
   drawTop(painter, { layers: {}, trail: [], mouth: 0.75, poses: { ghosts: [] }, ...shown, scene, frame, colours });
   drawPlaces(painter, scene, colours);
   return canvas;
@@ -72,8 +71,8 @@ export class Guide {
 
   #show() {
     if ($("guide").hidden || !this.state.scene) return;
-    $("guide-key").replaceChildren(...entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown),
-      make("span", { text }))));
+    const rows = entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown), text));
+    $("guide-key").replaceChildren(...rows);
   }
 
   toggle() {
