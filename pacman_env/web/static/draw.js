@@ -60,11 +60,9 @@ export class Painter {
 
   text(text, [x, y], colour, font, halo, pixels = 12) {
     const { context } = this;
-    Object.assign(context, { font: `${font} ${pixels}px system-ui, sans-serif`, textAlign: "center", fillStyle: colour });
-    if (halo) {
-      Object.assign(context, { lineWidth: 3.5, lineJoin: "round", strokeStyle: halo });
-      context.strokeText(text, x, y);
-    }
+    Object.assign(context, { font: `${font} ${pixels}px system-ui, sans-serif`, textAlign: "center" });
+    Object.assign(context, { fillStyle: colour, strokeStyle: halo, lineWidth: 3.5, lineJoin: "round" });
+    if (halo) context.strokeText(text, x, y);
     context.fillText(text, x, y);
   }
 }
