@@ -3,11 +3,9 @@
 import { palette } from "./colours.js";
 import { $, make } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
+import { View } from "./view.js";
 
-const [WIDTH, HEIGHT, SCALE] = [40, 36, 62]; // pixels, and pixels a metre
-const VIEW = {
-  scale: SCALE, turn: 0, width: WIDTH, height: HEIGHT, toScreen: (x, y) => [WIDTH / 2 + x * SCALE, HEIGHT / 2 - y * SCALE],
-};
+const VIEW = Object.assign(new View(), { width: 40, height: 36, scale: 62 });
 const AT = [0, 0, 0];
 const GOAL = [0.04, 0.02];
 
@@ -48,7 +46,7 @@ function entries({ ghosts, power }) {
 function drawn(shown) {
   if (!shown) return make("div", { class: "ring" }, ...Array.from({ length: 6 }, () => make("i")));
   const ratio = Math.min(3, devicePixelRatio || 1);
-  const canvas = make("canvas", { width: WIDTH * ratio, height: HEIGHT * ratio, "aria-hidden": "true" });
+  const canvas = make("canvas", { width: VIEW.width * ratio, height: VIEW.height * ratio, "aria-hidden": "true" });
   const painter = new Painter(canvas, VIEW);
   painter.context.scale(ratio, ratio);
   const scene = { pellets: [], candidates: [], refuges: [], robot: {}, ghosts: [], ...shown.scene };
