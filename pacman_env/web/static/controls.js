@@ -61,9 +61,8 @@ state.on("frame story role people", () => {
   showSpeed(Math.round(live.speed));
   const pause = $("pause");
   if (pause.getAttribute("aria-pressed") !== String(live.paused)) {
-    const label = live.paused ? "Resume" : "Pause";
     pause.setAttribute("aria-pressed", String(live.paused));
-    write(pause.lastElementChild, label);
+    write(pause.lastElementChild, live.paused ? "Resume" : "Pause");
     setIcon(pause, live.paused ? "play" : "pause");
   }
 });
@@ -79,27 +78,21 @@ function stopConfirmed() {
   dismiss("stop");
 }
 
-const byHand = () => (state.source === "ros" ? " Use the robot's own buttons." : "");
-
 async function stop() {
   stopPending = true;
   for (let k = 0; k < STOP_TRIES && stopPending && isOpen(); k++) {
-    const { ok } = await ask({ do: "stop" }, STOP_TIMEOUT_MS);
-    if (!ok) continue;
+    if (!(await ask({ do: "stop" }, STOP_TIMEOUT_MS)).ok) continue;
     stopConfirmed();
     notice("Stopped. The robot stands until it is released.", { key: "stopped" });
     return;
   }
   if (!stopPending) return;
+  const byHand = state.source === "ros" ? " Use the robot's own buttons." : "";
+  const words = `STOP was NOT delivered: no connection.${byHand} STOP is sent as soon as the connection is back.`;
   $("lost").classList.add("loud");
-  if (!isOpen()) {
-    write($("lost"), `STOP was NOT delivered: no connection.${byHand()} STOP is sent as soon as the connection is back.`);
-    $("lost").hidden = false;
-  }
-  notice(`STOP was NOT confirmed.${byHand()}`, { bad: true, stays: true, key: "stop" });
+  if (!isOpen()) writeOrHide($("lost"), words);
+  notice(`STOP was NOT confirmed.${byHand}`, { bad: true, stays: true, key: "stop" });
 }
-
-$("stop").onclick = stop;
 
 // What Escape closes in the simulator, and the button that does it; on the robot it always stops.
 const CLOSED_BY = {
@@ -107,12 +100,12 @@ const CLOSED_BY = {
 };
 addEventListener("keydown", ({ key, repeat, defaultPrevented }) => {
   if (key !== "Escape" || repeat) return;
-  const open = Object.keys(CLOSED_BY).find((id) => !$(id).hidden);
-  if (state.source === "ros") stop();
-  else if (defaultPrevented || $("ask").open) return; // it closes itself
-  else if (open) $(CLOSED_BY[open]).click();
+  const open = state.source !== "ros" && Object.keys(CLOSED_BY).find((id) => !$(id).hidden);
+  if (state.source !== "ros" && (defaultPrevented || $("ask").open)) return; // it closes itself
+  if (open) $(CLOSED_BY[open]).click();
   else stop();
 });
+$("stop").onclick = stop;
 $("release").onclick = async () => await request({ do: "release" }) && dismiss("stopped");
 state.on("connection", () => state.connected && stopPending && stop());
 state.on("frame", ({ stopped }) => {

@@ -35,20 +35,16 @@ export class Painter {
     context.beginPath();
     trace(context);
     Object.assign(context, { globalAlpha: alpha, lineWidth: width, lineCap: cap, lineJoin: "round" });
+    Object.assign(context, { fillStyle: fill, strokeStyle: stroke });
     context.setLineDash(dash);
-    if (fill) {
-      context.fillStyle = fill;
-      context.fill();
-    }
-    if (stroke) {
-      context.strokeStyle = stroke;
-      context.stroke();
-    }
+    if (fill) context.fill();
+    if (stroke) context.stroke();
     context.restore();
   }
 
-  circle([x, y], radius, style) {
-    this.path((context) => context.arc(x, y, radius, 0, FULL), style);
+  // A circle, or a share of it from the top on.
+  circle([x, y], radius, style, share = 1) {
+    this.path((context) => context.arc(x, y, radius, -FULL / 4, FULL * (share - 1 / 4)), style);
   }
 
   polygon(points, [x, y], size, style) {
@@ -64,11 +60,9 @@ export class Painter {
 
   text(text, [x, y], colour, font, halo, pixels = 12) {
     const { context } = this;
-    Object.assign(context, { font: `${font} ${pixels}px system-ui, sans-serif`, textAlign: "center", fillStyle: colour });
-    if (halo) {
-      Object.assign(context, { lineWidth: 3.5, lineJoin: "round", strokeStyle: halo });
-      context.strokeText(text, x, y);
-    }
+    Object.assign(context, { font: `${font} ${pixels}px system-ui, sans-serif`, textAlign: "center" });
+    Object.assign(context, { fillStyle: colour, strokeStyle: halo, lineWidth: 3.5, lineJoin: "round" });
+    if (halo) context.strokeText(text, x, y);
     context.fillText(text, x, y);
   }
 }
@@ -114,7 +108,8 @@ export function drawTop(painter, shown) {
   const place = (number) => (scene.candidates[number] ? view.toScreen(...scene.candidates[number]) : null);
   const pellet = painter.size(0.075, 3.6, 16);
   screen(scene.pellets).forEach((at, k) => {
-    drawPellet(painter, at, scene.power?.pellets.includes(k) ? POWER * pellet : pellet, frame.alive[k], colours);
+    const [fill, size] = frame.alive[k] ? [colours.pellet, pellet] : [colours.eaten, 0.55 * pellet];
+    painter.circle(at, scene.power?.pellets.includes(k) ? POWER * size : size, { fill });
   });
   if (layers.scores) drawScores(painter, frame, place, colours.score);
   if (layers.trail) painter.line(screen(trail), { stroke: colours.trail, width: 2.2, alpha: 0.5, cap: "round" });
@@ -123,9 +118,8 @@ export function drawTop(painter, shown) {
   }
   const [goal, pointed] = [place(frame.goal), place(candidate)];
   const ring = painter.size(0.2, 9, 30);
-  if (goal) {
-    painter.circle(goal, ring, { stroke: colours.plan, width: 3 });
-    painter.circle(goal, ring + 4.5, { stroke: colours.plan, width: 1.2 });
+  for (const [radius, width] of goal ? [[ring, 3], [ring + 4.5, 1.2]] : []) {
+    painter.circle(goal, radius, { stroke: colours.plan, width });
   }
   if (pointed) painter.circle(pointed, ring + 7, { stroke: colours.goal, width: 2.5 });
   if (layers.lidar && poses.robot) drawScan(painter, frame.scan, poses.robot, colours.lidar);
@@ -142,14 +136,14 @@ export function drawTop(painter, shown) {
     if (layers.names && !covered) painter.text(scene.policy ?? "", [x, y + radius + 13], colours.ink, "600", colours.halo);
   }
   const opened = finale && !finale.won ? mouth + (OPENED_UP - mouth) * finale.share : mouth; // until nothing is left
-  if (poses.robot) drawPacMan(painter, poses.robot, radius, opened, { fill: colours.robot, stroke: colours.rim });
-  if (poses.robot && finale) drawFinale(painter, view.toScreen(...poses.robot), radius, finale, colours);
-  if (layers.believed && poses.believed && poses.true) drawBelieved(painter, poses.believed, radius, colours.believed);
   if (poses.robot) {
     const at = view.toScreen(...poses.robot);
+    drawPacMan(painter, poses.robot, radius, opened, { fill: colours.robot, stroke: colours.rim });
+    if (finale) drawFinale(painter, at, radius, finale, colours);
     if (mine === "robot") painter.circle(at, radius + 5, { stroke: colours.goal, dash: [3, 3] });
     if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: RED, width: 4 });
   }
+  if (layers.believed && poses.believed && poses.true) drawBelieved(painter, poses.believed, radius, colours.believed);
   if (numbered) drawNumbers(painter, scene, frame, colours);
   for (const [x, y, points] of frame.points ?? []) {
     painter.text(String(points), view.toScreen(x, y), colours.points, "800", colours.halo, 20);
@@ -165,10 +159,6 @@ function drawNumbers(painter, { names = [], candidates, first_refuge: refuges = 
     const [x, y] = painter.view.toScreen(...candidates[k]);
     painter.text(name.split(" ").at(-1), [x, y - above], k < refuges ? colours.ink : colours.refuge, "700", colours.halo);
   });
-}
-
-function drawPellet(painter, at, radius, exists, colours) {
-  painter.circle(at, exists ? radius : 0.55 * radius, { fill: exists ? colours.pellet : colours.eaten });
 }
 
 // What power pellets change of a ghost's look: its colour, null if only its eyes are left; whether it is harmless.
@@ -190,8 +180,7 @@ function drawScores(painter, { scores, goal }, place, stroke) {
     if (!at || !Number.isFinite(score) || k === goal) return;
     const share = 0.06 + 0.94 * ((score - low) / span);
     painter.circle(at, radius, { stroke, width: 2.4, alpha: 0.16 });
-    const trace = (context) => context.arc(...at, radius, -FULL / 4, FULL * (share - 1 / 4));
-    painter.path(trace, { stroke, width: 2.4, alpha: 0.35 + 0.6 * share, cap: "round" });
+    painter.circle(at, radius, { stroke, width: 2.4, alpha: 0.35 + 0.6 * share, cap: "round" }, share);
   });
 }
 
@@ -241,9 +230,8 @@ function drawBelieved(painter, [worldX, worldY, yaw], radius, stroke) {
 function drawTarget(painter, goal, colour, colours) {
   if (!goal || goal[0] === null) return;
   const at = painter.view.toScreen(...goal);
-  const stroke = colour ? css(colour) : colours.home;
-  for (const style of [{ stroke: colours.halo, width: 6 }, { stroke, width: 3 }]) {
-    drawCross(painter, at, painter.size(0.14, 8, 24), style);
+  for (const [stroke, width] of [[colours.halo, 6], [colour ? css(colour) : colours.home, 3]]) {
+    drawCross(painter, at, painter.size(0.14, 8, 24), { stroke, width });
   }
 }
 
@@ -262,11 +250,10 @@ function drawGhost(painter, pose, { name, colour, catch_m: catchM, harmless }, l
     painter.circle([x, y], catchM * painter.view.scale, { stroke: fill, dash: [4, 4] });
   }
   const outline = { stroke: mine ? colours.goal : colours.ghost, width: mine ? 3 : 1.2 };
-  const eyesAlone = colour === null;
-  if (!eyesAlone) painter.polygon(GHOST, [x, y], size, { fill, ...outline });
-  const eyeSize = eyesAlone ? 0.38 : 0.27;
+  const [eyeSize, eyeOutline] = colour === null ? [0.38, outline] : [0.27, {}]; // null: only its eyes are left
+  if (colour !== null) painter.polygon(GHOST, [x, y], size, { fill, ...outline });
   for (const eye of [x - 0.4 * size, x + 0.4 * size]) {
-    painter.circle([eye, y - 0.2 * size], eyeSize * size, { fill: "#fff", ...(eyesAlone ? outline : {}) });
+    painter.circle([eye, y - 0.2 * size], eyeSize * size, { fill: "#fff", ...eyeOutline });
     painter.circle([eye, y - 0.16 * size], eyeSize / 2 * size, { fill: "#14203c" });
   }
   if (layers.names && name) painter.text(name, [x, y + size + 14], colours.ink, "600", colours.halo);

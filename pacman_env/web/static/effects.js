@@ -9,20 +9,18 @@ const VOLUME = 0.07;
 const FADE_S = 0.012;
 
 const rings = [$("ring"), $("ring-large")];
-for (const ring of rings) ring.append(...Array.from({ length: LEDS }, () => document.createElement("i")));
+for (const ring of rings) ring.append(...Array.from({ length: LEDS }, () => make("i")));
 let shownRing = "";
 state.on("frame", ({ ring }) => {
   if (JSON.stringify(ring) === shownRing) return;
   shownRing = JSON.stringify(ring);
-  const isLit = (colour) => Boolean(colour?.some(Boolean));
+  const colours = Array.from({ length: LEDS }, (_, k) => (ring?.[k]?.some(Boolean) ? css(ring[k]) : ""));
   for (const { children } of rings) {
-    [...children].forEach((led, k) => {
-      const lit = isLit(ring?.[k]);
-      led.style.background = lit ? css(ring[k]) : "";
-      led.style.boxShadow = lit ? `0 0 10px ${css(ring[k])}` : "none";
-    });
+    colours.forEach((background, k) => Object.assign(children[k].style, {
+      background, boxShadow: background ? `0 0 10px ${background}` : "none",
+    }));
   }
-  const lit = Boolean(ring?.some(isLit));
+  const lit = colours.some(Boolean);
   if (lit) state.count.lit++;
   $("ring").setAttribute("aria-label", `Light ring: ${lit ? "on" : "off"}`);
   write($("ring-words"), ring ? "The colours of the robot's light ring." : "The ring shows the robot's own status.");
@@ -34,7 +32,7 @@ function showButtons(what, named, describe) {
     const { title = "", colour } = describe(value);
     const data = { needs: "control", word, what, title };
     const onclick = () => request({ do: "event", word, what });
-    const dot = colour ? make("span", { class: "dot", colour }) : null;
+    const dot = colour && make("span", { class: "dot", colour });
     return make("button", { type: "button", data, title, onclick }, dot, word);
   }));
 }
@@ -48,20 +46,14 @@ state.on("hello", ({ events, lights, sounds }) => {
 $("arm").onchange = async ({ target }) => {
   if (!await request({ do: "arm", on: target.checked })) target.checked = !target.checked;
 };
-state.on("connection", () => {
-  $("arm").checked = false;
-});
+state.on("connection", () => ($("arm").checked = false));
 
 // Sounds are synthesised from the robot's notes; silent until the user switches them on.
 let audio = null;
 let wanted = false;
 const notes = new Set(); // playing or to be played
 
-export const sounds = {
-  get on() {
-    return wanted && audio?.state === "running";
-  },
-};
+export const sounds = { get on() { return wanted && audio?.state === "running"; } };
 
 function showSound() {
   $("sound").setAttribute("aria-pressed", String(sounds.on));
@@ -72,10 +64,7 @@ function showSound() {
 
 export async function switchSound(on) {
   wanted = on;
-  if (!audio) {
-    audio = new AudioContext();
-    audio.onstatechange = showSound;
-  }
+  audio ??= Object.assign(new AudioContext(), { onstatechange: showSound });
   silence();
   await (wanted ? audio.resume() : audio.suspend());
   showSound();

@@ -3,15 +3,11 @@
 import { palette } from "./colours.js";
 import { $, make } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
+import { View } from "./view.js";
 
-const [WIDTH, HEIGHT, SCALE] = [40, 36, 62]; // pixels, and pixels a metre
-const VIEW = {
-  scale: SCALE, turn: 0, width: WIDTH, height: HEIGHT, toScreen: (x, y) => [WIDTH / 2 + x * SCALE, HEIGHT / 2 - y * SCALE],
-};
+const VIEW = Object.assign(new View(), { width: 40, height: 36, scale: 62 });
 const AT = [0, 0, 0];
 const GOAL = [0.04, 0.02];
-const SCENE = { pellets: [], candidates: [], refuges: [], robot: {} };
-const FRAME = { alive: [true], plan: [] };
 
 const ghost = (look, layers = {}) => ({ scene: { ghosts: [look] }, poses: { ghosts: [AT] }, layers });
 const pose = (name) => ({ poses: { ghosts: [], true: AT, [name]: AT } });
@@ -50,10 +46,11 @@ function entries({ ghosts, power }) {
 function drawn(shown) {
   if (!shown) return make("div", { class: "ring" }, ...Array.from({ length: 6 }, () => make("i")));
   const ratio = Math.min(3, devicePixelRatio || 1);
-  const canvas = make("canvas", { width: WIDTH * ratio, height: HEIGHT * ratio, "aria-hidden": "true" });
+  const canvas = make("canvas", { width: VIEW.width * ratio, height: VIEW.height * ratio, "aria-hidden": "true" });
   const painter = new Painter(canvas, VIEW);
   painter.context.scale(ratio, ratio);
-  const [scene, frame, colours] = [{ ...SCENE, ...shown.scene }, { ...FRAME, ...shown.frame }, palette()];
+  const scene = { pellets: [], candidates: [], refuges: [], robot: {}, ghosts: [], ...shown.scene };
+  const [frame, colours] = [{ alive: [true], plan: [], ...shown.frame }, palette()];
   drawTop(painter, { layers: {}, trail: [], mouth: 0.75, poses: { ghosts: [] }, ...shown, scene, frame, colours });
   drawPlaces(painter, scene, colours);
   return canvas;
@@ -72,8 +69,8 @@ export class Guide {
 
   #show() {
     if ($("guide").hidden || !this.state.scene) return;
-    $("guide-key").replaceChildren(...entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown),
-      make("span", { text }))));
+    const rows = entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown), text));
+    $("guide-key").replaceChildren(...rows);
   }
 
   toggle() {

@@ -11,7 +11,6 @@ function setPosing(posing) {
   state.stands = null;
   if (posing) showMap();
   $("set-pose").setAttribute("aria-pressed", String(Boolean(posing)));
-  $("top").classList.toggle("placing", Boolean(posing));
   state.emit("placing");
 }
 $("set-pose").onclick = () => setPosing(state.posing ? "" : "Click where the robot stands");

@@ -36,15 +36,10 @@ function makeInput({ type, low, high, options }, shared) {
   return make("input", { type: "number", required: true, step, min: low, max: high, ...shared });
 }
 
-function readInput({ type, checked, value }) {
-  if (type === "checkbox") return checked;
-  return type === "number" ? Number(value) : value;
-}
-
-function writeInput(input, value) {
-  if (input.type === "checkbox") input.checked = Boolean(value);
-  else input.value = String(value ?? "");
-}
+// The property of an input with its value.
+const valueKey = ({ type }) => ({ checkbox: "checked", number: "valueAsNumber" }[type] ?? "value");
+const readInput = (input) => input[valueKey(input)];
+const writeInput = (input, value) => (input[valueKey(input)] = value);
 
 function makeRow(setting, k) {
   const { name, unit, low, high, words } = setting;

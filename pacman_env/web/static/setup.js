@@ -1,7 +1,7 @@
 // The current and the next round: a form, map upload, Clyde's speed and place.
 
 import { address, request } from "./connection.js";
-import { $, button, facts, make, option, slider, write } from "./dom.js";
+import { $, button, facts, make, option, slider, write, writeOrHide } from "./dom.js";
 import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
 import { state } from "./page.js";
@@ -25,9 +25,7 @@ function select(list, value) {
   list.value = value;
 }
 
-function showLevel() {
-  field("level").parentElement.hidden = field("map").value !== "generated";
-}
+const showLevel = () => (field("level").parentElement.hidden = field("map").value !== "generated");
 
 state.on("hello", ({ choices = {} }) => {
   const { maps = [], presets = {}, policies = [], settings = [] } = choices;
@@ -82,9 +80,8 @@ function showGhosts(choices) {
   $("setup-ghosts").replaceChildren(...choices.map((behaviour, k) => {
     const { name, colour } = state.hello.roles[`ghost-${k}`];
     const data = { needs: "control" };
-    const onchange = () => edited.add("setup-ghosts");
-    const list = make("select", { "aria-label": `Behaviour of ${name}`, data, onchange },
-      ...behaviours.map((value) => option(value)));
+    const options = behaviours.map((value) => option(value));
+    const list = make("select", { "aria-label": `Behaviour of ${name}`, data }, ...options);
     select(list, behaviour);
     const remove = button("Remove", { "aria-label": `Remove ${name}`, data, hidden: choices.length === 1,
       onclick: () => editGhosts(ghostChoices().filter((_, at) => at !== k)) });
@@ -129,7 +126,7 @@ $("setup").onsubmit = (event) => {
 };
 $("setup-only").onclick = () => apply(false);
 $("setup").oninput = ({ target }) => {
-  edited.add(target.id);
+  edited.add(target.id || "setup-ghosts"); // only the lists of the ghosts have no id
   showLevel();
 };
 field("preset").onchange = ({ target }) => {
@@ -156,8 +153,7 @@ async function upload() {
   const name = $("upload-name").value.trim() || yaml.name.replace(/\.ya?ml$/i, "");
   const body = JSON.stringify({ name, yaml: await yaml.text(), image: btoa(bytes.join("")) });
   const headers = { "Content-Type": "application/json" };
-  const response = await fetch(address("map"), { method: "POST", headers, body });
-  const answer = await response.json();
+  const answer = await (await fetch(address("map"), { method: "POST", headers, body })).json();
   if (!answer.ok) return answer.words || "Refused.";
   select(field("map"), answer.map);
   edited.add("setup-map");
@@ -167,10 +163,8 @@ async function upload() {
 }
 
 $("upload-send").onclick = async () => {
-  $("upload-words").hidden = false;
-  write($("upload-words"), "Checking the map.");
-  const failed = () => "The map could not be uploaded: no answer from the server.";
-  write($("upload-words"), await upload().catch(failed));
+  writeOrHide($("upload-words"), "Checking the map.");
+  write($("upload-words"), await upload().catch(() => "The map could not be uploaded: no answer from the server."));
 };
 
 const showClydeSpeed = slider($("clyde-speed"), (mps) => `${mps.toFixed(2)} m/s`,
@@ -182,7 +176,6 @@ function setPlacing(placing) {
   $("place").setAttribute("aria-pressed", String(placing));
   $("place-words").hidden = !placing;
   $("place-ghost").parentElement.hidden = !placing || (state.scene?.ghosts.length ?? 0) < 2;
-  $("top").classList.toggle("placing", placing);
   state.emit("placing");
 }
 $("place").onclick = () => setPlacing(!state.placing);

@@ -4,17 +4,8 @@
   "use strict";
 
   var OLDEST = "Use Chrome or Edge 92, Firefox 98, Safari 15.4, or a newer browser.";
-  var parts = {
-    "JavaScript modules": "noModule" in document.createElement("script"),
-    "WebSocket": window.WebSocket,
-    "canvas": window.CanvasRenderingContext2D,
-    "dialog": window.HTMLDialogElement,
-    "fetch": window.fetch,
-    "ResizeObserver": window.ResizeObserver,
-    "URL": window.URL && window.URLSearchParams,
-    "Array.prototype.at": [].at
-  };
-  var missing = Object.keys(parts).filter(function (name) { return !parts[name]; });
+  var names = "WebSocket CanvasRenderingContext2D HTMLDialogElement fetch ResizeObserver URLSearchParams".split(" ");
+  var missing = names.filter(function (name) { return !window[name]; });
   var shown = false;
 
   function show(words) {
@@ -38,6 +29,8 @@
     if (!window.pacman || !window.pacman.state.frame) show("The page could not start: " + words + ". " + OLDEST);
   }
 
+  if (!("noModule" in document.createElement("script"))) missing.push("JavaScript modules");
+  if (![].at) missing.push("Array.prototype.at");
   if (missing.length) show("This browser cannot show the page, it lacks: " + missing.join(", ") + ". " + OLDEST);
   window.addEventListener("error", function (event) {
     var file = /^(SCRIPT|LINK)$/.test(event.target.tagName) && (event.target.src || event.target.href);

@@ -72,14 +72,12 @@ export class WhyTable {
   }
 
   #tableHead(summaries) {
+    const head = (scope, text, second, colSpan) => make("th", { scope, text, colSpan, class: second ? "second" : "" });
     return make("thead", {},
-      make("tr", {}, make("td"), ...summaries.map(({ policy, columns }, k) => make("th", {
-        scope: "colgroup", colSpan: columns.length, class: k ? "second" : "", text: policy,
-      }))),
-      make("tr", {}, make("th", { scope: "col", text: "Candidate" }), ...summaries.flatMap(({ columns }, policy) =>
-        columns.map((name, k) => make("th", {
-          scope: "col", class: policy && !k ? "second" : "", text: this.#labelOf(name),
-        })))));
+      make("tr", {}, make("td"), ...summaries.map(({ policy, columns }, k) =>
+        head("colgroup", policy, k > 0, columns.length))),
+      make("tr", {}, head("col", "Candidate", false), ...summaries.flatMap(({ columns }, policy) =>
+        columns.map((name, k) => head("col", this.#labelOf(name), policy > 0 && k === 0)))));
   }
 
   #tableRow(row, summaries, disagree) {
@@ -87,8 +85,7 @@ export class WhyTable {
     const by = summaries.map(({ policy }) => policy).filter((policy) => this.state.why.chosen[policy] === candidate);
     const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
     const place = kind === "hold" ? -1 : candidate;
-    const [point, leave] = [() => this.#pointAt(place), () => this.#pointAt(-1)];
-    const onclick = () => this.choose(place);
+    const [point, leave, onclick] = [() => this.#pointAt(place), () => this.#pointAt(-1), () => this.choose(place)];
     const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
       const rank = Number.isFinite(merit(row, policy)) ? ranks.get(candidate) : null;
       const text = this.#format(column, column === "rank" ? rank : terms[policy]?.[column]);
