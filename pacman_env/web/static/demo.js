@@ -72,6 +72,7 @@ export class Demo {
       demo.index = (demo.index + 1) % frames.length;
       this.map.showFrame(frames[demo.index], { jump: demo.index === 0 });
       this.state.emit("story", null);
+      if (this.state.demo !== demo) return; // a listener has ended it
     }
     const step_ms = (1000 * (frames.at(-1).time_s - frames[0].time_s)) / Math.max(1, frames.length - 1) / SPEED;
     this.#timer = setTimeout(() => this.#advance(), demo.index === frames.length - 1 ? END_MS : Math.max(20, step_ms));
