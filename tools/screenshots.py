@@ -28,6 +28,11 @@ def _wait(page: Any, expression: str) -> None:
     page.wait_for_function(f"(({{state}}) => {expression})(window.pacman ?? {{}})", timeout=120_000)
 
 
+def _first(page: Any) -> None:
+    """Leave the card of a first visit open until the demo has collected some pellets."""
+    _wait(page, "state.demo && state.demo.frames[state.demo.index].collected >= 3")
+
+
 def _round(page: Any, pellets: int, speed: int = 10) -> None:
     """Start a round and wait until ``pellets`` pellets are collected."""
     page.fill("#speed", str(speed))
@@ -75,7 +80,7 @@ def _arcade(page: Any) -> None:
     page.click("#setup-only")
     _wait(page, "state.scene.power && !document.querySelector('.notice')")
     page.locator("#panel-game").evaluate("(panel) => panel.scrollTo(0, 0)")
-    if not page.is_visible("#zoom-in"):
+    if not page.is_visible("#speed"):
         page.click("#tab-game")  # on a telephone the panel leaves its place to the map
     page.fill("#speed", "5")
     page.click("#start")
@@ -101,6 +106,7 @@ SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
     "web-390-light": (390, 844, 1.5, "light", _playing),
     "web-1024-dark": (1024, 768, 1.0, "dark", _playing),
     "web-1024-light": (1024, 768, 1.0, "light", _explained),
+    "web-1280-first": (1280, 800, 1.0, "light", _first),
     "web-1440": (1440, 900, 1.0, "dark", _arcade),
     "web-1920-dark": (1920, 1080, 1.0, "dark", _recorded),
     "web-1920-light": (1920, 1080, 1.0, "light", _four_ghosts),
@@ -116,10 +122,11 @@ def shoot(browser: Any, name: str) -> Image.Image:
         WebServer(game, write=lambda _: None) as server,
         browser.new_context(viewport={"width": width, "height": height}, bypass_csp=True, **options) as context,
     ):
-        context.add_init_script("localStorage['pacman_env.seen'] = 'yes'")  # without the card of a first visit
         page = context.new_page()
         page.goto(f"http://127.0.0.1:{server.port}/")
         _wait(page, "state?.frame && state.scene.map")
+        if prepare is not _first:
+            page.click("#welcome-close")
         prepare(page)
         _wait(page, "!document.querySelector('.notice')")
         image = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
