@@ -104,7 +104,6 @@ def _four_ghosts(page: Any) -> None:
 SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
     "web-390-dark": (390, 844, 1.5, "dark", _arcade),
     "web-390-light": (390, 844, 1.5, "light", _playing),
-    "web-1024-dark": (1024, 768, 1.0, "dark", _playing),
     "web-1024-light": (1024, 768, 1.0, "light", _explained),
     "web-1280-first": (1280, 800, 1.0, "light", _first),
     "web-1440": (1440, 900, 1.0, "dark", _arcade),

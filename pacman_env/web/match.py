@@ -72,7 +72,6 @@ class Match:
         self._lives = _LIVES
         self._level_score = 0  # score when the present round started
         self._retry: tuple[int, int] | None = None  # round and score if a person tries a level again
-        self._last_seed: int | None = None  # seed of the last round that ended
         self._shown: tuple[Frame, Frame] | None = None  # snapshots before and after the last tick
         self._demo: tuple[int, bytes | None] = 0, None  # last demo, with the revision of its scene
         self._number = 0  # number of the frame
@@ -146,7 +145,7 @@ class Match:
             self._home_due_s = 0.0
             self._follow_clock()
         if same:
-            self.lay_out(self._last_seed)
+            self.lay_out(self.recordings.last_seed)
         self._level_score = self._controller.score
         self._act(self._controller.start(self._clock_s))
         self._follow_clock()
@@ -381,7 +380,7 @@ class Match:
             self._news.add(words=str(refused))
 
     def _record(self, played: PlayedRound) -> None:
-        scene, self._last_seed = self.scene, played.seed
+        scene = self.scene
         words = self.recordings.keep(
             played,
             map=self._rules.map,

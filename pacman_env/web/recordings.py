@@ -23,6 +23,7 @@ class Recordings:
 
     def __init__(self) -> None:
         self.count = 0  # number of all rounds
+        self.last_seed: int | None = None  # of the last round
         self._kept: dict[int, tuple[PlayedRound, dict[str, Any]]] = {}
 
     def keep(self, played: PlayedRound, **facts: Any) -> str:
@@ -30,7 +31,7 @@ class Recordings:
 
         The summary has the fields of an entry of ``stories`` (docs/dev/web_protocol.md). Only the last rounds are kept.
         """
-        self.count += 1
+        self.count, self.last_seed = self.count + 1, played.seed
         choices = np.array(played.choices).reshape(-1, 3)
         differ = choices[:, 1] != choices[:, 2]
         last, baseline = played.snapshots[-1], played.baseline if played.by_person else None
