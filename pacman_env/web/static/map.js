@@ -42,6 +42,7 @@ export class GameMap {
     this.#base = new Painter(root.getElementById("base"), this.view, { alpha: false });
     this.#top = new Painter(root.getElementById("top"), this.view);
     state.on("candidate role placing tab", () => this.redraw(false));
+    state.on("theme", () => this.repaint());
     document.addEventListener("visibilitychange", () => {
       cancelAnimationFrame(this.#request);
       this.#request = 0;
@@ -119,17 +120,12 @@ export class GameMap {
 
   async showScene(scene) {
     const { map } = scene;
-    const isShown = () => this.state.shownScene === scene;
     const sameMap = this.#picture && this.#picture.map.name === map?.name;
     let loaded = map?.url === this.#picture?.map.url ? this.#picture : null;
     if (map && !loaded) {
-      try {
-        loaded = await MapPicture.load(map, this.address(map.url));
-        loaded.paint(palette(this.root));
-      } catch {
-        if (isShown()) this.failed("The map image could not be loaded.");
-      }
-      if (!isShown()) return;
+      loaded = await MapPicture.load(map, this.address(map.url), palette(this.root)).catch(() => null);
+      if (this.state.shownScene !== scene) return;
+      if (!loaded) this.failed("The map image could not be loaded.");
     }
     this.#picture = loaded;
     const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
@@ -164,9 +160,10 @@ export class GameMap {
     this.redraw(false);
   }
 
-  // Whether a click at one of two places, m, can mean the other one.
-  isNear(a, b) {
-    return distance(a, b) * this.view.scale < NEAR_PX;
+  // Whether a click at a place, m, can mean the robot.
+  isRobotAt(place) {
+    const pose = robotPose(this.state.frame);
+    return pose && distance(pose, place) * this.view.scale < NEAR_PX;
   }
 
   // The number of the candidate near a point of the page, or -1.

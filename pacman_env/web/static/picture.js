@@ -45,11 +45,13 @@ export class MapPicture {
     this.bounds = boundsOf(corners.map((cell) => this.#toWorld(cell)));
   }
 
-  static async load(map, address) {
+  static async load(map, address, colours) {
     const image = new Image();
     image.src = address;
     await image.decode();
-    return new MapPicture(image, map);
+    const picture = new MapPicture(image, map);
+    picture.paint(colours);
+    return picture;
   }
 
   #toWorld([column, row]) {

@@ -1,6 +1,6 @@
 // The current and the next round: a form, map upload, Clyde's speed and place.
 
-import { address, request } from "./connection.js";
+import { SLOW_MS, address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write, writeOrHide } from "./dom.js";
 import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
@@ -10,7 +10,6 @@ import { changedSettings, hasSettings, setChanged, showPreset, showSettings } fr
 const SELECTS = ["map", "preset", "policy", "second"];
 const MOST_GHOSTS = 4;
 const MOST_UPLOAD = 5.5e6;
-const SETUP_TIMEOUT_MS = 120000;
 
 const edited = new Set(); // ids of fields that the user has changed since the last scene
 let behaviours = []; // of ghosts
@@ -112,7 +111,7 @@ async function apply(start) {
   if (!message) return;
   if (state.roundRuns && !(await question("The new settings end the current round. Continue?"))) return;
   const close = notice("Preparing the round.", { key: "setup", stays: true });
-  const answer = await request(message, SETUP_TIMEOUT_MS);
+  const answer = await request(message, SLOW_MS);
   close();
   if (!answer) return;
   edited.clear();
