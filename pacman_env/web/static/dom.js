@@ -1,6 +1,8 @@
 // Small helpers for the document.
 
 export const narrow = matchMedia("(max-width: 820px), (max-height: 480px)");
+export const touch = matchMedia("(pointer: coarse)");
+export const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export const $ = (id) => document.getElementById(id);
 
@@ -100,9 +102,11 @@ export function slider(input, describe, send, wait_ms) {
   };
 }
 
-// Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog.
-export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
-  || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea"));
+// Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog, and no arrow
+// that moves a slider or chooses a tab.
+export const isShortcut = ({ key, ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
+  || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea")
+  || (key.startsWith("Arrow") && target?.matches?.("input[type=range], [role=tab]")));
 
 // Focuses the map, or another element, if the focused element is the map or can no longer be used.
 export function focusMap(element = $("top")) {

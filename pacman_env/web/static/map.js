@@ -2,6 +2,7 @@
 
 import { cardsOn, insetsOf, isCovered } from "./cards.js";
 import { palette } from "./colours.js";
+import { still } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
 import { Motion } from "./motion.js";
 import { MapPicture, boundsOf } from "./picture.js";
@@ -16,7 +17,6 @@ const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
 const FINALE_MS = 1000; // length of the scene at the end of a round
 const STILL_SHARE = 0.4; // of the scene that a page without motion shows
-const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 const NEAR_PX = 24; // between a click and what it means
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -186,7 +186,7 @@ export class GameMap {
   #finaleAt(now) {
     const share = this.#finale ? (now - this.#finale.since) / FINALE_MS : 1;
     if (share >= 1) this.#finale = null;
-    return this.#finale && { won: this.#finale.won, share: stillWanted.matches ? STILL_SHARE : share };
+    return this.#finale && { won: this.#finale.won, share: still.matches ? STILL_SHARE : share };
   }
 
   #draw() {
