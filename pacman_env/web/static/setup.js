@@ -5,7 +5,7 @@ import { $, button, facts, make, option, slider, write, writeOrHide } from "./do
 import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
 import { state } from "./page.js";
-import { changedSettings, hasSettings, setChanged, showPreset, showSettings } from "./settings.js";
+import { changedSettings, hasSettings, showPreset, showSettings } from "./settings.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
 const MOST_GHOSTS = 4;
@@ -53,8 +53,7 @@ function showScene(scene) {
   if (!edited.has("setup-seed")) field("seed").value = "";
   if (!edited.has("setup-ghosts") && ghosts.length) showGhosts(ghosts.map(({ behaviour }) => behaviour));
   if (!edited.has("setup-preset") && !$("setup").contains(document.activeElement)) {
-    showPreset(presetOf(preset).settings);
-    setChanged(scene.settings);
+    showPreset(presetOf(preset).settings, scene.settings ?? {});
   }
   showLevel();
   $("facts").replaceChildren(...facts([
