@@ -21,6 +21,7 @@ export class Choosing {
   constructor(state, game, map, place) {
     Object.assign(this, { state, game, map, place });
     state.on("tap", (tap) => this.#choose(tap));
+    state.on("choose", (candidate) => state.role === "robot" && !state.story && this.#goTo({ candidate }));
     addEventListener("keydown", (event) => this.#press(event));
     $("hold").onclick = () => this.#goTo({ candidate: -1 });
     $("chase").onclick = () => this.#goTo({ follow: true });

@@ -17,9 +17,7 @@ export class Demo {
 
   constructor(state, game, map) {
     Object.assign(this, { state, game, map });
-    for (const event of ["pointerdown", "keydown"]) {
-      addEventListener(event, () => (this.#acted = performance.now()));
-    }
+    for (const event of ["pointerdown", "keydown"]) addEventListener(event, () => (this.#acted = performance.now()));
     state.on("ended", () => (this.#ended = performance.now()));
     state.on("people role story placing scene frame connection", () => this.#check());
     setInterval(() => this.#check(), CHECK_MS);
@@ -56,12 +54,10 @@ export class Demo {
     this.#asked = scene.revision;
     if (still.matches || this.state.source === "ros") return;
     const frames = await this.game.fetchFrames(0).catch(() => null);
-    if (!frames || !this.#isIdle || this.state.scene !== scene) {
-      this.#asked = 0;
-      return;
-    }
-    this.state.demo = { frames, scene, index: -1 };
-    this.#advance();
+    if (frames && this.#isIdle && this.state.scene === scene) {
+      this.state.demo = { frames, scene, index: -1 };
+      this.#advance();
+    } else this.#asked = 0;
   }
 
   #advance() {

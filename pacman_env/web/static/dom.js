@@ -82,17 +82,15 @@ export function clock(seconds) {
 // A slider that sends its value, once in wait_ms at most, the last one always. Returns what displays a value that the
 // server reports, unless the user has just moved the slider.
 export function slider(input, describe, send, wait_ms) {
-  let [moved, sent, timer] = [-Infinity, -Infinity, 0];
+  let [moved, timer] = [-Infinity, 0];
   const output = input.parentElement.querySelector("output");
   input.oninput = () => {
-    const value = Number(input.value);
     moved = performance.now();
-    write(output, describe(value));
-    clearTimeout(timer);
-    timer = setTimeout(() => {
-      sent = performance.now();
-      send(value);
-    }, Math.max(0, sent + wait_ms - moved));
+    write(output, describe(Number(input.value)));
+    timer ||= setTimeout(() => {
+      timer = 0;
+      send(Number(input.value));
+    }, wait_ms);
   };
   input.onpointerup = () => input.blur(); // arrow keys are the player's again
   return (value) => {

@@ -17,10 +17,7 @@ export class Links {
     Object.assign(this, { state, game, stories });
     $("story-share").onclick = () => this.#copy(`${this.#linkOf(state.story.entry)}&tick=${state.story.index}`);
     $("story-save").onclick = () => this.#save(state.story.entry);
-    $("story-again").onclick = () => {
-      const { entry, index } = state.story;
-      this.#play(entry, { moves: entry.moves, until: index });
-    };
+    $("story-again").onclick = () => this.#play(state.story.entry, state.story.index);
     $("share").onclick = () => this.#copy(state.scene?.link);
     state.on("share", (entry) => this.#copy(this.#linkOf(entry)));
     state.on("play", (entry) => this.#play(entry));
@@ -121,10 +118,11 @@ export class Links {
   }
 
   // Lets the person of this page play the robot in the round of an entry: from its start, or from a moment on.
-  async #play(entry, more = {}) {
+  async #play(entry, until) {
     await this.stories.close();
     if (!await this.game.request({ do: "role", role: "robot" })) return;
-    const setup = { ...this.#setupOf(entry.link), ...more, finish: false };
+    const moves = until === undefined ? undefined : entry.moves;
+    const setup = { ...this.#setupOf(entry.link), moves, until, finish: false };
     if (await this.game.request(setup, this.game.SLOW_MS)) await this.game.request({ do: "start" });
   }
 }

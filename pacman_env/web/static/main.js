@@ -33,9 +33,7 @@ addEventListener("unhandledrejection", ({ reason }) => state.count.errors.push(S
 setIcons(document);
 const map = new GameMap(document, state, { address: (url) => game.address(url).href, failed: notice });
 setUpMapControls(map);
-new WhyTable(document, state, (candidate) => {
-  if (state.role === "robot" && !state.story) game.request({ do: "goal", candidate });
-});
+new WhyTable(document, state);
 new Roles(state, game, new Steering(state, game));
 new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : placeGhost(place)));
 new Stories(state, game, map);

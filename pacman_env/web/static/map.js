@@ -43,11 +43,7 @@ export class GameMap {
     this.#top = new Painter(root.getElementById("top"), this.view);
     state.on("candidate role placing tab", () => this.redraw(false));
     state.on("theme", () => this.repaint());
-    document.addEventListener("visibilitychange", () => {
-      cancelAnimationFrame(this.#request);
-      this.#request = 0;
-      this.redraw();
-    });
+    document.addEventListener("visibilitychange", () => this.redraw());
     const sizes = new ResizeObserver((changes) => { // also of an element that is shown or hidden
       if (changes.some(({ target }) => target === this.element)) this.#resize();
       this.#arrange();

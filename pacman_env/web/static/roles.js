@@ -1,8 +1,8 @@
 // Roles of players: who plays what, and what a player can do now.
 
 import { $, button, make, renderReleased, showMap, touch, write, writeOrHide } from "./dom.js";
-import { updateControls } from "./needs.js";
 import { notice } from "./notices.js";
+import { updateControls } from "./page.js";
 
 // What a player can do now.
 function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role) {
@@ -64,7 +64,7 @@ export class Roles {
         }));
     }));
     if (active) $("roles").querySelector(`[data-role="${active}"]`)?.focus();
-    updateControls(this.state);
+    updateControls();
   }
 
   #showMode() {

@@ -2,9 +2,8 @@
 
 import { SLOW_MS, address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write, writeOrHide } from "./dom.js";
-import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
-import { state } from "./page.js";
+import { state, updateControls } from "./page.js";
 import { changedSettings, hasSettings, showPreset, showSettings } from "./settings.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
@@ -12,11 +11,11 @@ const MOST_GHOSTS = 4;
 const MOST_UPLOAD = 5.5e6;
 
 const edited = new Set(); // ids of fields that the user has changed since the last scene
-let behaviours = []; // of ghosts
 
 const field = (name) => $(`setup-${name}`);
 const ghostChoices = () => [...$("setup-ghosts").querySelectorAll("select")].map((select) => select.value);
 
+const behaviours = () => state.hello.choices?.behaviours ?? [];
 const presetOf = (name) => state.hello.choices.presets?.[name] ?? { ghosts: [], settings: {} };
 
 function select(list, value) {
@@ -35,8 +34,7 @@ state.on("hello", ({ choices = {} }) => {
     if (values.includes(chosen)) list.value = chosen;
     list.parentElement.hidden = !values.length;
   });
-  behaviours = choices.behaviours ?? [];
-  $("setup-ghosts-field").hidden = !behaviours.length;
+  $("setup-ghosts-field").hidden = !behaviours().length;
   $("setup").hidden = !policies.length && !maps.length && !settings.length;
   showSettings(settings);
   showLevel();
@@ -78,7 +76,7 @@ function showGhosts(choices) {
   $("setup-ghosts").replaceChildren(...choices.map((behaviour, k) => {
     const { name, colour } = state.hello.roles[`ghost-${k}`];
     const data = { needs: "control" };
-    const options = behaviours.map((value) => option(value));
+    const options = behaviours().map((value) => option(value));
     const list = make("select", { "aria-label": `Behaviour of ${name}`, data }, ...options);
     select(list, behaviour);
     const remove = button("Remove", { "aria-label": `Remove ${name}`, data, hidden: choices.length === 1,
@@ -87,7 +85,7 @@ function showGhosts(choices) {
       make("span", { class: "ghost-name", text: name }), list, remove);
   }));
   $("setup-ghost-add").hidden = choices.length >= MOST_GHOSTS;
-  updateControls(state);
+  updateControls();
 }
 
 // What the form asks for, as a message; null if a field is invalid.
@@ -99,7 +97,7 @@ function setupMessage() {
     if (value && !parentElement.hidden) message[name] = value;
   }
   if (message.map === "generated" && field("level").value !== "") message.level = Number(field("level").value);
-  if (ghostChoices().length && behaviours.length) message.ghosts = ghostChoices();
+  if (ghostChoices().length && behaviours().length) message.ghosts = ghostChoices();
   if (field("seed").value !== "") message.seed = Number(field("seed").value);
   if (hasSettings()) message.settings = changedSettings();
   return message;
