@@ -1,7 +1,7 @@
 """The operator's page as people use it, in a real browser over the server and the simulator."""
 
-import math
 import gzip
+import math
 import re
 from collections.abc import Callable
 from pathlib import Path
