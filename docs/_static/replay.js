@@ -9,7 +9,7 @@ const { Player } = modules.player;
 const { PageState } = modules.state;
 const { WhyTable } = modules.why;
 const { setUpMapControls } = modules.map_controls;
-const { clock, make, setIcons, write } = modules.dom;
+const { clock, make, setIcons, still, write } = modules.dom;
 const webPage = new DOMParser().parseFromString(markup, "text/html");
 
 async function unpack(text) {
@@ -148,7 +148,7 @@ async function start(place) {
   systemIsDark.addEventListener("change", adoptTheme);
   await Promise.all(rounds.map(({ map, state }) => map.showScene(state.scene)));
   player.seek(0);
-  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) player.play();
+  if (!still.matches) player.play();
 }
 
 const place = document.querySelector(".replay");

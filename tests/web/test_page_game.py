@@ -138,8 +138,8 @@ def test_round_of_person_is_shared_and_tried_again(visit: Visit, simulated: Simu
     other = visit(link)
     other.wait("state.story", "a person's round in another browser")
     assert other.value("state.story.frames.map((one) => one.true)") == trail
+    other.page.wait_for_selector("#end:visible")
     assert other.text("result").split(":")[0] != entry
-    assert other.page.is_visible("#end")
     other.press("story-close")
     other.page.set_input_files("#story-file", download.value.path())
     other.wait("state.story", "a file")

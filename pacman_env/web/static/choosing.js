@@ -21,6 +21,7 @@ export class Choosing {
   constructor(state, game, map, place) {
     Object.assign(this, { state, game, map, place });
     state.on("tap", (tap) => this.#choose(tap));
+    state.on("choose", (candidate) => state.role === "robot" && !state.story && this.#goTo({ candidate }));
     addEventListener("keydown", (event) => this.#press(event));
     $("hold").onclick = () => this.#goTo({ candidate: -1 });
     $("chase").onclick = () => this.#goTo({ follow: true });
@@ -35,14 +36,9 @@ export class Choosing {
     if (posing || placing) this.place(world);
     else if (story) return;
     else if (role === "robot" && candidate >= 0) this.#goTo({ candidate });
-    else if (role.startsWith("ghost") && this.#isRobot(world)) this.#goTo({ follow: true });
+    else if (role.startsWith("ghost") && this.map.isRobotAt(world)) this.#goTo({ follow: true });
     else if (role !== "none") this.#goTo({ x: world[0], y: world[1] });
     else if (candidate >= 0) notice("To send the robot there, choose its role in the tab Play.", { key: "role" });
-  }
-
-  #isRobot(world) {
-    const pose = robotPose(this.state.frame);
-    return pose && this.map.isNear(pose, world);
   }
 
   #press(event) {
@@ -51,8 +47,7 @@ export class Choosing {
     if (defaultPrevented || story || !isShortcut(event)) return; // keys that steer are no choice
     const pointing = posing || placing || role.startsWith("ghost");
     const onMap = target === $("top");
-    const movesFocus = target?.matches?.("input[type=range], [role=tab]");
-    if (role === "robot" && key.startsWith("Arrow") && !placing && !movesFocus) {
+    if (role === "robot" && key.startsWith("Arrow") && !placing) {
       event.preventDefault();
       const candidate = this.#pelletTowards(key);
       if (candidate !== undefined) this.#goTo({ candidate });

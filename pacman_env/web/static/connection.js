@@ -5,6 +5,7 @@ import { notice } from "./notices.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000, 5000];
 const SILENT_MS = 5000;
+export const SLOW_MS = 180000; // within which the server prepares or plays a round
 const FRAME = '{"kind":"frame"'; // its first field
 
 export const token = new URLSearchParams(location.search).get("token");
@@ -86,11 +87,6 @@ function open() {
   const opened = new WebSocket(url.href);
   socket = opened;
   noteMessage();
-  opened.onopen = () => {
-    noteMessage();
-    endReason = "";
-    hooks.opened();
-  };
   opened.onmessage = ({ data }) => socket === opened && receive(data);
   opened.onclose = ({ reason }) => socket === opened && closed(reason);
 }
@@ -103,6 +99,7 @@ function noteMessage() {
 function receive(data) {
   noteMessage();
   retries = 0;
+  endReason = "";
   if (data.startsWith(FRAME)) {
     hooks.frame(data);
     return;

@@ -1,13 +1,12 @@
 // The demo: while nobody plays, the map shows the prepared round as its policy plays it.
 
-import { $, stored } from "./dom.js";
+import { $, still, stored } from "./dom.js";
 
 const SPEED = 4; // times real time
 const IDLE_MS = 30000; // after the end of a round, and after the last action of a person who has control
 const END_MS = 2500; // for which the last frame is shown
 const CHECK_MS = 250;
 const SEEN = "pacman_env.seen"; // in the browser's store, once the card was closed
-const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Demo {
   #acted = -Infinity; // time of the last action
@@ -18,9 +17,7 @@ export class Demo {
 
   constructor(state, game, map) {
     Object.assign(this, { state, game, map });
-    for (const event of ["pointerdown", "keydown"]) {
-      addEventListener(event, () => (this.#acted = performance.now()));
-    }
+    for (const event of ["pointerdown", "keydown"]) addEventListener(event, () => (this.#acted = performance.now()));
     state.on("ended", () => (this.#ended = performance.now()));
     state.on("people role story placing scene frame connection", () => this.#check());
     setInterval(() => this.#check(), CHECK_MS);
@@ -55,14 +52,12 @@ export class Demo {
 
   async #begin(scene) {
     this.#asked = scene.revision;
-    if (stillWanted.matches || this.state.source === "ros") return;
+    if (still.matches || this.state.source === "ros") return;
     const frames = await this.game.fetchFrames(0).catch(() => null);
-    if (!frames || !this.#isIdle || this.state.scene !== scene) {
-      this.#asked = 0;
-      return;
-    }
-    this.state.demo = { frames, scene, index: -1 };
-    this.#advance();
+    if (frames && this.#isIdle && this.state.scene === scene) {
+      this.state.demo = { frames, scene, index: -1 };
+      this.#advance();
+    } else this.#asked = 0;
   }
 
   #advance() {

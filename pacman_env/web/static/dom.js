@@ -1,6 +1,8 @@
 // Small helpers for the document.
 
 export const narrow = matchMedia("(max-width: 820px), (max-height: 480px)");
+export const touch = matchMedia("(pointer: coarse)");
+export const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export const $ = (id) => document.getElementById(id);
 
@@ -80,17 +82,15 @@ export function clock(seconds) {
 // A slider that sends its value, once in wait_ms at most, the last one always. Returns what displays a value that the
 // server reports, unless the user has just moved the slider.
 export function slider(input, describe, send, wait_ms) {
-  let [moved, sent, timer] = [-Infinity, -Infinity, 0];
+  let [moved, timer] = [-Infinity, 0];
   const output = input.parentElement.querySelector("output");
   input.oninput = () => {
-    const value = Number(input.value);
     moved = performance.now();
-    write(output, describe(value));
-    clearTimeout(timer);
-    timer = setTimeout(() => {
-      sent = performance.now();
-      send(value);
-    }, Math.max(0, sent + wait_ms - moved));
+    write(output, describe(Number(input.value)));
+    timer ||= setTimeout(() => {
+      timer = 0;
+      send(Number(input.value));
+    }, wait_ms);
   };
   input.onpointerup = () => input.blur(); // arrow keys are the player's again
   return (value) => {
@@ -100,9 +100,11 @@ export function slider(input, describe, send, wait_ms) {
   };
 }
 
-// Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog.
-export const isShortcut = ({ ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
-  || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea"));
+// Whether a key pressed is a shortcut of the page: without modifiers, not typed into a field or a dialog, and no arrow
+// that moves a slider or chooses a tab.
+export const isShortcut = ({ key, ctrlKey, metaKey, altKey, target }) => !(ctrlKey || metaKey || altKey || $("ask").open
+  || target?.matches?.("input:not([type=range]):not([type=checkbox]), select, textarea")
+  || (key.startsWith("Arrow") && target?.matches?.("input[type=range], [role=tab]")));
 
 // Focuses the map, or another element, if the focused element is the map or can no longer be used.
 export function focusMap(element = $("top")) {

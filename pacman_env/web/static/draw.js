@@ -1,6 +1,6 @@
 // What the two canvases show: below the map and what stands still, above it what moves.
 
-import { css } from "./dom.js";
+import { css, still } from "./dom.js";
 
 const FULL = 2 * Math.PI;
 // Shapes, in units of their size.
@@ -12,7 +12,6 @@ const RAYS = 12;
 const OPENED_UP = 5.8; // mouth that spans the whole circle
 const POWER = 1.8; // size of a power pellet relative to a pellet
 const BLINK_MS = 500; // half blue and half white
-const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 const GHOST = [
   ...Array.from({ length: 25 }, (_, k) => [-Math.cos(k * FULL / 48), -0.15 - Math.sin(k * FULL / 48)]),
   ...Array.from({ length: 7 }, (_, k) => [1 - k / 3, k % 2 ? 0.68 : 0.95]),
@@ -165,7 +164,7 @@ function drawNumbers(painter, { names = [], candidates, first_refuge: refuges = 
 function lookOf({ harmless_s: harmless = [], away_s: away = [] }, power, k, now = performance.now()) {
   if (!power || !(harmless[k] > 0)) return {};
   if (away[k] > 0) return { colour: null, harmless: true };
-  const white = harmless[k] < power.warning_s && (stillWanted.matches || now % BLINK_MS < BLINK_MS / 2);
+  const white = harmless[k] < power.warning_s && (still.matches || now % BLINK_MS < BLINK_MS / 2);
   return { colour: white ? power.blinking : power.frightened, harmless: true };
 }
 

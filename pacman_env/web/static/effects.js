@@ -50,10 +50,9 @@ state.on("connection", () => ($("arm").checked = false));
 
 // Sounds are synthesised from the robot's notes; silent until the user switches them on.
 let audio = null;
-let wanted = false;
 const notes = new Set(); // playing or to be played
 
-export const sounds = { get on() { return wanted && audio?.state === "running"; } };
+export const sounds = { get on() { return audio?.state === "running"; } };
 
 function showSound() {
   $("sound").setAttribute("aria-pressed", String(sounds.on));
@@ -63,10 +62,9 @@ function showSound() {
 }
 
 export async function switchSound(on) {
-  wanted = on;
   audio ??= Object.assign(new AudioContext(), { onstatechange: showSound });
   silence();
-  await (wanted ? audio.resume() : audio.suspend());
+  await (on ? audio.resume() : audio.suspend());
   showSound();
 }
 $("sound").onclick = () => switchSound(!sounds.on);

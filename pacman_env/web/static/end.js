@@ -1,11 +1,10 @@
 // The card at the end of a round: its result, and what to do next. Best times and streaks are kept in the browser.
 
-import { request } from "./connection.js";
+import { SLOW_MS, request } from "./connection.js";
 import { $, clock, counted, focusMap, make, stored, write, writeOrHide } from "./dom.js";
 import { state } from "./page.js";
 
 const KEY = "pacman_env.best";
-const ROUND_TIMEOUT_MS = 120000;
 const NEXT = { // words of the main button, by what it starts
   retry: () => "Try again",
   shared: () => "Play this round",
@@ -16,7 +15,6 @@ const NEXT = { // words of the main button, by what it starts
 
 let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
 let isShared = false; // somebody else's round, opened by a link
-let hooks = {}; // of the card's buttons: `moment`, `worse`, `share` and `play`, called with the entry
 let lastState = "";
 let last = {}; // frame of the round's end: at home, lives and level are of the next round
 
@@ -49,9 +47,7 @@ function recordsWith(entry) {
   return (best < Infinity ? `Best time ${clock(best)}${record}. ` : "") + (streak > 1 ? `${streak} wins in a row.` : "");
 }
 
-const close = () => {
-  $("end").hidden = true;
-};
+const close = () => ($("end").hidden = true);
 
 // Shows how a round has ended, or a round that a link has opened.
 export function showResult(entry, shared = false) {
@@ -130,7 +126,7 @@ $("end-compare").onclick = async () => {
   const entry = ended;
   writeOrHide($("end-other"), "Playing the same round.");
   showActions();
-  const answer = await request({ do: "compare", story: entry.story }, ROUND_TIMEOUT_MS);
+  const answer = await request({ do: "compare", story: entry.story }, SLOW_MS);
   if (entry !== ended) return;
   const unlike = "A person has changed this round, so no policy can repeat it.";
   writeOrHide($("end-other"), answer && (answer.data ? otherWords(entry.policies[1], answer.data) : unlike));
@@ -138,16 +134,15 @@ $("end-compare").onclick = async () => {
 };
 $("end-again").onclick = () => {
   close();
-  request({ do: "start", same: true }, ROUND_TIMEOUT_MS);
+  request({ do: "start", same: true }, SLOW_MS);
 };
 $("end-next").onclick = () => {
   close();
-  if (isShared) hooks.play(ended);
-  else request({ do: "start" }, ROUND_TIMEOUT_MS);
+  if (isShared) state.emit("play", ended);
+  else request({ do: "start" }, SLOW_MS);
 };
 $("end-close").onclick = close;
-for (const name of ["moment", "worse", "share"]) $(`end-${name}`).onclick = () => hooks[name](ended);
-export const setHooks = (given) => (hooks = given);
+for (const name of ["moment", "worse", "share"]) $(`end-${name}`).onclick = () => state.emit(name, ended);
 
 state.on("frame", (frame) => {
   if (["dying", "returning_home"].includes(frame.state)) last = frame;

@@ -4,7 +4,6 @@ import { $, make } from "./dom.js";
 import { showResult } from "./end.js";
 import { notice, question } from "./notices.js";
 
-const REPLAY_TIMEOUT_MS = 180000;
 const FORMAT = "pacman_env round";
 
 const fieldsOf = (hash) => Object.fromEntries(new URLSearchParams(hash.replace(/^#/, "")));
@@ -12,23 +11,28 @@ const pack = (value) => btoa(JSON.stringify(value)).replaceAll("+", "-").replace
 const unpack = (text) => JSON.parse(atob(text.replaceAll("-", "+").replaceAll("_", "/")));
 
 export class Links {
+  #followed = false; // the link by which the page was opened
+
   constructor(state, game, stories) {
     Object.assign(this, { state, game, stories });
-    $("story-share").onclick = () => this.copy(state.story.entry, `&tick=${state.story.index}`);
+    $("story-share").onclick = () => this.#copy(`${this.#linkOf(state.story.entry)}&tick=${state.story.index}`);
     $("story-save").onclick = () => this.#save(state.story.entry);
+    $("story-again").onclick = () => this.#play(state.story.entry, state.story.index);
     $("share").onclick = () => this.#copy(state.scene?.link);
+    state.on("share", (entry) => this.#copy(this.#linkOf(entry)));
+    state.on("play", (entry) => this.#play(entry));
+    state.on("scene", ({ preparing }) => {
+      if (!preparing && !this.#followed) setTimeout(() => this.#follow(), 300);
+      this.#followed ||= !preparing;
+    });
     $("story-file").onchange = ({ target }) => this.#load(target);
-    addEventListener("hashchange", () => this.follow());
+    addEventListener("hashchange", () => this.#follow());
   }
 
   // The part of an address behind the # that repeats a round: with orders of people if there were any.
   #linkOf({ link, moves, hash }) {
     const { version } = this.state.hello;
     return moves?.orders || moves?.placed ? `${link}&hash=${hash}&version=${version}&moves=${pack(moves)}` : link;
-  }
-
-  copy(entry, tick = "") {
-    return this.#copy(this.#linkOf(entry) + tick);
   }
 
   // Copies the address of a round without the token.
@@ -56,15 +60,10 @@ export class Links {
 
   async #load(input) {
     const [file] = input.files;
-    let round = null;
-    try {
-      round = JSON.parse(await file.text());
-    } catch {
-      // the next line says it
-    }
+    const round = await file.text().then(JSON.parse).catch(() => null);
     if (round?.format !== FORMAT || typeof round.link !== "string") {
       notice(`${file.name} is no round that this page has saved.`, { bad: true });
-    } else await this.follow(`${round.link}&tick=0`);
+    } else await this.#follow(`${round.link}&tick=0`);
     input.value = "";
   }
 
@@ -89,7 +88,7 @@ export class Links {
   }
 
   // Prepares the round of a link; if it names a tick or contains orders, plays the round to its end and opens it.
-  async follow(link = location.hash) {
+  async #follow(link = location.hash) {
     let message = null;
     try {
       message = this.#setupOf(link);
@@ -101,7 +100,7 @@ export class Links {
     const busy = (frame && frame.state !== "menu") || Object.values(people.roles).some(Boolean);
     if (busy && !(await question("This link opens another round and ends the current one. Continue?"))) return;
     const hide = notice("Preparing the linked round.", { stays: true, key: "setup" });
-    const answer = await this.game.request(message, REPLAY_TIMEOUT_MS);
+    const answer = await this.game.request(message, this.game.SLOW_MS);
     hide();
     if (!answer) return;
     if (answer.data?.story) await this.#open(answer.data.story, fieldsOf(link));
@@ -119,14 +118,11 @@ export class Links {
   }
 
   // Lets the person of this page play the robot in the round of an entry: from its start, or from a moment on.
-  async play(entry, more = {}) {
+  async #play(entry, until) {
     await this.stories.close();
     if (!await this.game.request({ do: "role", role: "robot" })) return;
-    const setup = { ...this.#setupOf(entry.link), ...more, finish: false };
-    if (await this.game.request(setup, REPLAY_TIMEOUT_MS)) await this.game.request({ do: "start" });
-  }
-
-  tryMoment(entry, tick) {
-    return this.play(entry, { moves: entry.moves, until: tick });
+    const moves = until === undefined ? undefined : entry.moves;
+    const setup = { ...this.#setupOf(entry.link), moves, until, finish: false };
+    if (await this.game.request(setup, this.game.SLOW_MS)) await this.game.request({ do: "start" });
   }
 }

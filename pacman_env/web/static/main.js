@@ -7,7 +7,6 @@ import "./controls.js";
 import { Demo } from "./demo.js";
 import { $, clock, facts, isShortcut, make, narrow, setIcons, write, writeOrHide } from "./dom.js";
 import { sounds } from "./effects.js";
-import { setHooks, showResult } from "./end.js";
 import { Guide } from "./guide.js";
 import { GameMap } from "./map.js";
 import { setUpMapControls } from "./map_controls.js";
@@ -27,7 +26,6 @@ const DESCRIBE_MS = 2000;
 const READINESS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" };
 
 let newest = ""; // JSON of the newest frame
-let followed = false; // the link by which the page was opened
 
 addEventListener("error", ({ message }) => state.count.errors.push(String(message)));
 addEventListener("unhandledrejection", ({ reason }) => state.count.errors.push(String(reason)));
@@ -35,27 +33,14 @@ addEventListener("unhandledrejection", ({ reason }) => state.count.errors.push(S
 setIcons(document);
 const map = new GameMap(document, state, { address: (url) => game.address(url).href, failed: notice });
 setUpMapControls(map);
-new WhyTable(document, state, (candidate) => {
-  if (state.role === "robot" && !state.story) game.request({ do: "goal", candidate });
-});
+new WhyTable(document, state);
 new Roles(state, game, new Steering(state, game));
 new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : placeGhost(place)));
-const stories = new Stories(state, game, map, showResult);
-const { links } = stories;
-setHooks({
-  moment: (entry) => stories.openMoment(entry), worse: (entry) => stories.openWorse(entry),
-  share: (entry) => links.copy(entry), play: (entry) => links.play(entry),
-});
+new Stories(state, game, map);
 state.on("ended", (result) => result !== "timeout" && map.showEnd(result !== "caught"));
 const guide = new Guide(state);
 new Welcome(state, game, new Demo(state, game, map));
 window.pacman = { count: state.count, state, sounds, view: map.view };
-
-function opened() {
-  if (state.hello) notice("The connection is back.", { key: "connection" });
-  $("lost").hidden = true;
-  $("lost").classList.remove("loud");
-}
 
 function lost(reason) {
   if (!$("lost").classList.contains("loud")) {
@@ -73,25 +58,24 @@ function lost(reason) {
 const receive = {
   hello(message) {
     const { hello, frame: before, role } = state;
+    $("lost").hidden = true;
+    $("lost").classList.remove("loud");
+    if (hello) notice("The connection is back.", { key: "connection" });
     if (hello && hello.run !== message.run && (role !== "none" || before?.state !== "menu")) {
-      notice("The server was started again: the round and your role are lost.", {
-        bad: true, stays: true, key: "restarted",
-      });
+      const words = "The server was started again: the round and your role are lost.";
+      notice(words, { bad: true, stays: true, key: "restarted" });
     }
     state.hello = message;
     game.remember(message.again);
     state.connected = true;
     state.emit("hello", message);
     state.emit("connection");
-    watch();
   },
   scene(message) {
     const ghosts = (message.ghosts ?? []).map((ghost) => ({ ...ghost, ...state.hello.roles[ghost.role] }));
     state.scene = { pellets: [], refuges: [], candidates: [], robot: {}, ...message, ghosts };
     state.emit("scene", state.scene);
     if (!state.story) map.showScene(state.scene);
-    if (!message.preparing && !followed) setTimeout(() => links.follow(), 300);
-    followed ||= !message.preparing;
   },
   people(message) {
     state.people = message;
@@ -123,10 +107,8 @@ function showNewest() {
 }
 document.addEventListener("visibilitychange", showNewest);
 
-function watch() {
-  game.send({ do: "watch", why: !$("panel-why").hidden, lidar: map.layers.lidar });
-}
-state.on("layers tab", watch);
+state.on("layers tab hello", () => (
+  game.send({ do: "watch", why: !$("panel-why").hidden, lidar: map.layers.lidar })));
 
 // The picture of a round that runs looks live, even if nothing arrives any more.
 setInterval(() => {
@@ -197,8 +179,5 @@ state.on("hello", ({ version, source, access, you }) => $("about").replaceChildr
   ["Access", access === "operator" ? "operator: can run the game" : "viewer: can view, and STOP"],
 ])));
 
-setUpTheme($("theme"), () => {
-  map.repaint();
-  state.emit("theme");
-});
-game.connect({ opened, lost, frame, message: (message) => receive[message.kind]?.(message) });
+setUpTheme($("theme"), () => state.emit("theme"));
+game.connect({ lost, frame, message: (message) => receive[message.kind]?.(message) });

@@ -2,6 +2,7 @@
 
 import { cardsOn, insetsOf, isCovered } from "./cards.js";
 import { palette } from "./colours.js";
+import { still } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
 import { Motion } from "./motion.js";
 import { MapPicture, boundsOf } from "./picture.js";
@@ -16,7 +17,6 @@ const TRAIL_M = 0.04;
 const MOST_TRAIL = 3000;
 const FINALE_MS = 1000; // length of the scene at the end of a round
 const STILL_SHARE = 0.4; // of the scene that a page without motion shows
-const stillWanted = matchMedia("(prefers-reduced-motion: reduce)");
 const NEAR_PX = 24; // between a click and what it means
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
@@ -42,11 +42,8 @@ export class GameMap {
     this.#base = new Painter(root.getElementById("base"), this.view, { alpha: false });
     this.#top = new Painter(root.getElementById("top"), this.view);
     state.on("candidate role placing tab", () => this.redraw(false));
-    document.addEventListener("visibilitychange", () => {
-      cancelAnimationFrame(this.#request);
-      this.#request = 0;
-      this.redraw();
-    });
+    state.on("theme", () => this.repaint());
+    document.addEventListener("visibilitychange", () => this.redraw());
     const sizes = new ResizeObserver((changes) => { // also of an element that is shown or hidden
       if (changes.some(({ target }) => target === this.element)) this.#resize();
       this.#arrange();
@@ -119,17 +116,12 @@ export class GameMap {
 
   async showScene(scene) {
     const { map } = scene;
-    const isShown = () => this.state.shownScene === scene;
     const sameMap = this.#picture && this.#picture.map.name === map?.name;
     let loaded = map?.url === this.#picture?.map.url ? this.#picture : null;
     if (map && !loaded) {
-      try {
-        loaded = await MapPicture.load(map, this.address(map.url));
-        loaded.paint(palette(this.root));
-      } catch {
-        if (isShown()) this.failed("The map image could not be loaded.");
-      }
-      if (!isShown()) return;
+      loaded = await MapPicture.load(map, this.address(map.url), palette(this.root)).catch(() => null);
+      if (this.state.shownScene !== scene) return;
+      if (!loaded) this.failed("The map image could not be loaded.");
     }
     this.#picture = loaded;
     const points = [...scene.pellets, ...(scene.home ? [scene.home] : [])];
@@ -164,9 +156,10 @@ export class GameMap {
     this.redraw(false);
   }
 
-  // Whether a click at one of two places, m, can mean the other one.
-  isNear(a, b) {
-    return distance(a, b) * this.view.scale < NEAR_PX;
+  // Whether a click at a place, m, can mean the robot.
+  isRobotAt(place) {
+    const pose = robotPose(this.state.frame);
+    return pose && distance(pose, place) * this.view.scale < NEAR_PX;
   }
 
   // The number of the candidate near a point of the page, or -1.
@@ -189,7 +182,7 @@ export class GameMap {
   #finaleAt(now) {
     const share = this.#finale ? (now - this.#finale.since) / FINALE_MS : 1;
     if (share >= 1) this.#finale = null;
-    return this.#finale && { won: this.#finale.won, share: stillWanted.matches ? STILL_SHARE : share };
+    return this.#finale && { won: this.#finale.won, share: still.matches ? STILL_SHARE : share };
   }
 
   #draw() {

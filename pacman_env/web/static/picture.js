@@ -25,7 +25,7 @@ function redrawn(image, width, height, change) {
 export class MapPicture {
   #cells; // red: wall, green: known
 
-  constructor(image, map) {
+  constructor(image, map, colours) {
     const { width, height } = image;
     this.map = map;
     this.zoom = Math.max(1, Math.min(5, Math.floor(Math.sqrt(MOST_PIXELS / (width * height))))); // pixels a cell
@@ -43,13 +43,14 @@ export class MapPicture {
     if (right === 0) [left, top, right, bottom] = [0, 0, width, height];
     const corners = [[left, top], [right, top], [left, bottom], [right, bottom]];
     this.bounds = boundsOf(corners.map((cell) => this.#toWorld(cell)));
+    this.paint(colours);
   }
 
-  static async load(map, address) {
+  static async load(map, address, colours) {
     const image = new Image();
     image.src = address;
     await image.decode();
-    return new MapPicture(image, map);
+    return new MapPicture(image, map, colours);
   }
 
   #toWorld([column, row]) {

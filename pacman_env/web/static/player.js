@@ -8,7 +8,6 @@ const THUMB_PX = 16; // of the slider
 const MARK_PX = 3;
 
 export class Player {
-  #speed = 4; // times real time
   #find;
   #hooks;
   #round = { ticks: 1, tick_s: 1, marks: [], lanes: [] };
@@ -30,16 +29,12 @@ export class Player {
     this.#find("previous").onclick = () => this.jump(-1);
     this.#find("next").onclick = () => this.jump(1);
     this.#find("speed").append(...SPEEDS.map((times) => option(times, `×${times}`)));
-    this.#find("speed").onchange = ({ target }) => (this.#speed = Number(target.value));
-    this.speed = this.#speed;
+    this.speed = 4;
     new ResizeObserver(() => this.#drawMarks()).observe(range);
   }
 
-  set speed(times) {
-    this.#speed = times;
-    this.#find("speed").value = String(times);
-  }
-
+  set speed(times) { this.#find("speed").value = String(times); } // times real time
+  get speed() { return Number(this.#find("speed").value); }
   get playing() { return this.#request !== 0; }
 
   // Opens rounds with this number of ticks of tick_s seconds each. `marks` are ticks in order, `lanes` the marks that
@@ -85,7 +80,7 @@ export class Player {
 
   #advance(now) {
     const passed_s = Math.min(LONGEST_STEP_MS, Math.max(0, now - this.#since)) / 1000;
-    const to = this.#at + (this.#speed * passed_s) / this.#round.tick_s;
+    const to = this.#at + (this.speed * passed_s) / this.#round.tick_s;
     this.#since = now;
     if (Math.floor(to) > Math.floor(this.#at)) this.seek(to, false);
     else this.#at = to;

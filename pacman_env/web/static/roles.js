@@ -1,8 +1,8 @@
 // Roles of players: who plays what, and what a player can do now.
 
-import { $, button, make, renderReleased, showMap, write, writeOrHide } from "./dom.js";
-import { updateControls } from "./needs.js";
+import { $, button, make, renderReleased, showMap, touch, write, writeOrHide } from "./dom.js";
 import { notice } from "./notices.js";
+import { updateControls } from "./page.js";
 
 // What a player can do now.
 function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role) {
@@ -10,9 +10,8 @@ function task({ state: now, harmless_s: harmless = [], away_s: away = [] }, role
   const left = role === "robot" ? Math.max(0, ...harmless.filter((_, k) => !away[k])) : harmless[ghost];
   if (left > 0 && role === "robot") return `catch the blue ghosts, ${Math.ceil(left)} s left`;
   if (left > 0) return away[ghost] > 0 ? `caught, back in ${Math.ceil(left)} s` : `frightened for ${Math.ceil(left)} s`;
-  const touch = matchMedia("(pointer: coarse)").matches;
-  const click = role !== "robot" ? `${touch ? "tap" : "click"} a place, or the robot to follow it`
-    : touch ? "tap a pellet" : "use the arrow keys or click a pellet";
+  const click = role !== "robot" ? `${touch.matches ? "tap" : "click"} a place, or the robot to follow it`
+    : touch.matches ? "tap a pellet" : "use the arrow keys or click a pellet";
   if (now !== "menu") return click;
   return $("start").disabled ? `wait for the start, then ${click}` : `press Start, then ${click}`;
 }
@@ -34,7 +33,12 @@ export class Roles {
     const { people, hello, me, role } = this.state;
     const players = people.roles ?? {};
     const mine = Object.keys(players).find((one) => players[one] && players[one] === me) ?? "none";
-    if (mine !== role) this.#changeRole(mine);
+    if (mine !== role) {
+      this.steering.stop();
+      this.state.role = mine;
+      if (mine !== "none") showMap();
+      this.state.emit("role", mine);
+    }
     renderReleased($("roles"), () => this.#showPlayers(players, mine));
     $("play-robot").hidden = mine !== "robot";
     $("play-ghost").hidden = !mine.startsWith("ghost");
@@ -60,14 +64,7 @@ export class Roles {
         }));
     }));
     if (active) $("roles").querySelector(`[data-role="${active}"]`)?.focus();
-    updateControls(this.state);
-  }
-
-  #changeRole(role) {
-    this.steering.stop();
-    this.state.role = role;
-    if (role !== "none") showMap();
-    this.state.emit("role", role);
+    updateControls();
   }
 
   #showMode() {

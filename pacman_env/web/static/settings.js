@@ -8,18 +8,16 @@ export function showSettings(settings) {
   rows = settings.map(makeRow);
   $("settings-list").replaceChildren(...rows.map(({ row }) => row));
   $("settings").hidden = !rows.length;
-  showPreset({});
+  showPreset({}, {});
 }
 
-// Shows the values of a preset; those that the user has changed stay.
-export function showPreset(values) {
-  const changed = changedSettings();
-  for (const one of rows) one.value = values[one.setting.name] ?? one.setting.value;
-  setChanged(changed);
-}
-
-export function setChanged(values) {
-  for (const { setting, input, value } of rows) writeInput(input, values?.[setting.name] ?? value);
+// Shows the values of a preset, and those that differ from it: by default those that the user has changed.
+export function showPreset(values, changed = changedSettings()) {
+  for (const one of rows) {
+    const { name, value } = one.setting;
+    one.value = values[name] ?? value;
+    writeInput(one.input, changed[name] ?? one.value);
+  }
   showChanged();
 }
 
@@ -57,8 +55,7 @@ function makeRow(setting, k) {
   const about = make("p", { id: help, text: [words, limits].filter(Boolean).join(" · ") }, make("span"));
   const row = make("div", { class: "setting" }, make("label", { htmlFor: id, text: unit ? `${name}, ${unit}` : name }),
     make("span", { class: "control" }, input, undo), about);
-  const one = { setting, row, input, undo, value: setting.value };
-  writeInput(input, one.value);
+  const one = { setting, row, input, undo };
   return one;
 }
 

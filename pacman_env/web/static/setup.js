@@ -1,23 +1,21 @@
 // The current and the next round: a form, map upload, Clyde's speed and place.
 
-import { address, request } from "./connection.js";
+import { SLOW_MS, address, request } from "./connection.js";
 import { $, button, facts, make, option, slider, write, writeOrHide } from "./dom.js";
-import { updateControls } from "./needs.js";
 import { notice, question } from "./notices.js";
-import { state } from "./page.js";
-import { changedSettings, hasSettings, setChanged, showPreset, showSettings } from "./settings.js";
+import { state, updateControls } from "./page.js";
+import { changedSettings, hasSettings, showPreset, showSettings } from "./settings.js";
 
 const SELECTS = ["map", "preset", "policy", "second"];
 const MOST_GHOSTS = 4;
 const MOST_UPLOAD = 5.5e6;
-const SETUP_TIMEOUT_MS = 120000;
 
 const edited = new Set(); // ids of fields that the user has changed since the last scene
-let behaviours = []; // of ghosts
 
 const field = (name) => $(`setup-${name}`);
 const ghostChoices = () => [...$("setup-ghosts").querySelectorAll("select")].map((select) => select.value);
 
+const behaviours = () => state.hello.choices?.behaviours ?? [];
 const presetOf = (name) => state.hello.choices.presets?.[name] ?? { ghosts: [], settings: {} };
 
 function select(list, value) {
@@ -36,8 +34,7 @@ state.on("hello", ({ choices = {} }) => {
     if (values.includes(chosen)) list.value = chosen;
     list.parentElement.hidden = !values.length;
   });
-  behaviours = choices.behaviours ?? [];
-  $("setup-ghosts-field").hidden = !behaviours.length;
+  $("setup-ghosts-field").hidden = !behaviours().length;
   $("setup").hidden = !policies.length && !maps.length && !settings.length;
   showSettings(settings);
   showLevel();
@@ -54,8 +51,7 @@ function showScene(scene) {
   if (!edited.has("setup-seed")) field("seed").value = "";
   if (!edited.has("setup-ghosts") && ghosts.length) showGhosts(ghosts.map(({ behaviour }) => behaviour));
   if (!edited.has("setup-preset") && !$("setup").contains(document.activeElement)) {
-    showPreset(presetOf(preset).settings);
-    setChanged(scene.settings);
+    showPreset(presetOf(preset).settings, scene.settings ?? {});
   }
   showLevel();
   $("facts").replaceChildren(...facts([
@@ -80,7 +76,7 @@ function showGhosts(choices) {
   $("setup-ghosts").replaceChildren(...choices.map((behaviour, k) => {
     const { name, colour } = state.hello.roles[`ghost-${k}`];
     const data = { needs: "control" };
-    const options = behaviours.map((value) => option(value));
+    const options = behaviours().map((value) => option(value));
     const list = make("select", { "aria-label": `Behaviour of ${name}`, data }, ...options);
     select(list, behaviour);
     const remove = button("Remove", { "aria-label": `Remove ${name}`, data, hidden: choices.length === 1,
@@ -89,7 +85,7 @@ function showGhosts(choices) {
       make("span", { class: "ghost-name", text: name }), list, remove);
   }));
   $("setup-ghost-add").hidden = choices.length >= MOST_GHOSTS;
-  updateControls(state);
+  updateControls();
 }
 
 // What the form asks for, as a message; null if a field is invalid.
@@ -101,7 +97,7 @@ function setupMessage() {
     if (value && !parentElement.hidden) message[name] = value;
   }
   if (message.map === "generated" && field("level").value !== "") message.level = Number(field("level").value);
-  if (ghostChoices().length && behaviours.length) message.ghosts = ghostChoices();
+  if (ghostChoices().length && behaviours().length) message.ghosts = ghostChoices();
   if (field("seed").value !== "") message.seed = Number(field("seed").value);
   if (hasSettings()) message.settings = changedSettings();
   return message;
@@ -112,7 +108,7 @@ async function apply(start) {
   if (!message) return;
   if (state.roundRuns && !(await question("The new settings end the current round. Continue?"))) return;
   const close = notice("Preparing the round.", { key: "setup", stays: true });
-  const answer = await request(message, SETUP_TIMEOUT_MS);
+  const answer = await request(message, SLOW_MS);
   close();
   if (!answer) return;
   edited.clear();

@@ -1,6 +1,6 @@
 // Steering by hand: velocities by keys and by joystick.
 
-import { $, isShortcut } from "./dom.js";
+import { $, isShortcut, touch } from "./dom.js";
 
 const REPEAT_MS = 100;
 const BACKWARDS = 0.5; // share of the speed
@@ -24,7 +24,7 @@ export class Steering {
     for (const event of ["blur", "pagehide"]) addEventListener(event, () => this.stop());
     document.addEventListener("visibilitychange", () => document.hidden && this.stop());
     state.on("connection story", () => this.stop());
-    state.on("role", (role) => this.#showStick(role === "robot" && matchMedia("(pointer: coarse)").matches));
+    state.on("role", (role) => this.#showStick(role === "robot" && touch.matches));
     $("stick-show").onclick = () => this.#showStick($("stick").hidden);
     $("stick").onpointerdown = (event) => {
       $("stick").setPointerCapture(event.pointerId);
@@ -32,16 +32,12 @@ export class Steering {
       this.#drive();
     };
     $("stick").onpointermove = (event) => this.#stick && this.#moveStick(event);
-    $("stick").onlostpointercapture = () => {
-      this.#centreStick();
-      this.#drive();
-    };
+    $("stick").onlostpointercapture = () => this.stop();
   }
 
   #press(event) {
     const { role, story, placing, source } = this.state;
-    const movesFocus = event.target?.matches?.("input[type=range], [role=tab]");
-    if (role !== "robot" || story || placing || movesFocus || !FORWARD_LEFT[event.code] || !isShortcut(event)) return;
+    if (role !== "robot" || story || placing || !FORWARD_LEFT[event.code] || !isShortcut(event)) return;
     if (source === "simulator" && event.code.startsWith("Arrow")) return; // they choose pellets
     event.preventDefault();
     this.#held.add(event.code);
@@ -55,11 +51,6 @@ export class Steering {
     const far = Math.max(1, Math.hypot(x, y));
     $("knob").style.transform = `translate(${(x / far) * radius * KNOB}px, ${(y / far) * radius * KNOB}px)`;
     this.#stick = [-y / far, -x / far].map((value) => (Math.abs(value) < STILL ? 0 : value));
-  }
-
-  #centreStick() {
-    this.#stick = null;
-    $("knob").style.transform = "";
   }
 
   #showStick(show) {
@@ -83,7 +74,8 @@ export class Steering {
   stop() {
     const driving = this.#repeat !== 0;
     this.#held.clear();
-    this.#centreStick();
+    this.#stick = null;
+    $("knob").style.transform = "";
     if (driving) this.#drive();
   }
 }

@@ -1,6 +1,7 @@
 // Finished rounds: their list, and the one that is open.
 
 import { $, button, clock, counted, isShortcut, make, renderReleased, write } from "./dom.js";
+import { showResult } from "./end.js";
 import { Links } from "./links.js";
 import { notice } from "./notices.js";
 import { Player } from "./player.js";
@@ -27,10 +28,8 @@ export class Stories {
   #entries = []; // as the server lists them
   #explainTimer = 0;
 
-  // `ended` is called with the entry of each round that ends.
-  constructor(state, game, map, ended) {
-    const links = new Links(state, game, this);
-    this.links = links;
+  constructor(state, game, map) {
+    new Links(state, game, this);
     Object.assign(this, { state, game, map });
     this.player = new Player(document, {
       show: (tick, jumps) => this.#show(tick, jumps),
@@ -42,10 +41,11 @@ export class Stories {
     state.on("news", async (items) => {
       const number = items.filter((item) => item.story).at(-1)?.story;
       const entry = number && await this.#load(number);
-      if (entry) ended(entry);
+      if (entry) showResult(entry);
     });
     state.on("tab", () => this.#explain());
-    $("story-again").onclick = () => links.tryMoment(state.story.entry, state.story.index);
+    state.on("moment", (entry) => this.#openMoment(entry));
+    state.on("worse", ({ story, worse }) => this.open(story, worse[0])); // a person's first goal riskier than ppo's
     $("story-close").onclick = () => this.close();
     addEventListener("keydown", (event) => state.story && isShortcut(event) && this.player.press(event));
   }
@@ -100,14 +100,11 @@ export class Stories {
         : "That round is no longer stored.", { bad: true });
       return;
     }
-    try {
-      const frames = await this.game.fetchFrames(number);
-      this.player.pause();
-      this.state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
-    } catch (error) {
-      notice(`The round could not be loaded: ${error.message.trim()}`, { bad: true });
-      return;
-    }
+    const frames = await this.game.fetchFrames(number)
+      .catch((error) => void notice(`The round could not be loaded: ${error.message.trim()}`, { bad: true }));
+    if (!frames) return;
+    this.player.pause();
+    this.state.story = { entry, frames, index: 0, scene, trail: frames.map(robotPose) };
     this.#showBar(this.state.story);
     await this.map.showScene(scene);
     if (this.state.story?.entry === entry) this.player.seek(tick); // it was not closed meanwhile
@@ -170,7 +167,7 @@ export class Stories {
   }
 
   // Opens a round shortly before the moment that decided it, and plays it from there.
-  async openMoment(entry) {
+  async #openMoment(entry) {
     await this.open(entry.story);
     const { story } = this.state;
     if (story?.entry.story !== entry.story) return;
@@ -180,10 +177,5 @@ export class Stories {
     this.player.speed = latest > 0 ? 1 : 0.5;
     this.player.seek(Math.max(0, Math.min(tick, latest - 1)));
     this.player.play();
-  }
-
-  // Opens a person's round at its first goal that was riskier than ppo's.
-  async openWorse(entry) {
-    await this.open(entry.story, entry.worse[0]);
   }
 }

@@ -4,7 +4,6 @@ import { $, focusMap, stored } from "./dom.js";
 import { switchSound } from "./effects.js";
 
 const PLAY_SPEED = 3; // times real time
-const SETUP_TIMEOUT_MS = 120000;
 const KEY = "pacman_env.sound"; // in the browser's store: whether the player wants sound
 
 export class Welcome {
@@ -27,7 +26,7 @@ export class Welcome {
     const { game, state } = this;
     if ($("play-sound").checked) switchSound(true);
     if (!await game.request({ do: "role", role })) return;
-    if (!await game.request({ do: "setup", ...state.hello.choices.play[role.split("-")[0]] }, SETUP_TIMEOUT_MS)) return;
+    if (!await game.request({ do: "setup", ...state.hello.choices.play[role.split("-")[0]] }, game.SLOW_MS)) return;
     if (await game.request({ do: "speed", times: PLAY_SPEED })) await game.request({ do: "start" });
   }
 }

@@ -24,9 +24,9 @@ export class WhyTable {
   #termOf = (name) => this.state.hello.terms[name] ?? [name.replaceAll("_", " "), "", 1];
   #labelOf = (name) => this.#termOf(name).slice(0, 2).filter(Boolean).join(", ");
 
-  // `root` is the document or shadow root with the panel; `choose` is called with a candidate that was clicked.
-  constructor(root, state, choose = () => {}) {
-    Object.assign(this, { root, state, choose });
+  // `root` is the document or shadow root with the panel.
+  constructor(root, state) {
+    Object.assign(this, { root, state });
     state.on("why tab", () => renderReleased(this.#find("why-table"), () => this.#show()));
     state.on("candidate", () => this.#showCandidate());
     this.#find("why-full").onchange = () => this.#show();
@@ -85,7 +85,8 @@ export class WhyTable {
     const by = summaries.map(({ policy }) => policy).filter((policy) => this.state.why.chosen[policy] === candidate);
     const [first, second = first] = summaries.map(({ ranks }) => ranks.get(candidate));
     const place = kind === "hold" ? -1 : candidate;
-    const [point, leave, onclick] = [() => this.#pointAt(place), () => this.#pointAt(-1), () => this.choose(place)];
+    const [point, leave] = [() => this.#pointAt(place), () => this.#pointAt(-1)];
+    const onclick = () => this.state.emit("choose", place);
     const cells = summaries.flatMap(({ policy, columns, ranks }, k) => columns.map((column) => {
       const rank = Number.isFinite(merit(row, policy)) ? ranks.get(candidate) : null;
       const text = this.#format(column, column === "rank" ? rank : terms[policy]?.[column]);
