@@ -157,6 +157,7 @@ def test_end_card_leads_on(visit: Visit) -> None:
     page.wait("/clyde_aware: .* after/.test(document.querySelector('#end-other').textContent)")
     page.press("end-moment")
     page.wait("state.story && state.story.index > 0", "the moment is played")
+    assert page.value("Number(document.querySelector('#story-speed').value)") <= 1, "not in one second"
     assert not page.page.is_visible("#end")
     page.press("story-close")
     page.reset()
