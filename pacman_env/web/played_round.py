@@ -156,9 +156,8 @@ class PlayedRound:
         for orders in islice(moves.ticks(), self.ticks, None):
             if self.over or self.ticks == ticks:
                 return
-            if (orders.goal or 0) > self.hold or max(
-                (cell or 0 for cell in orders.ghosts.values()), default=0
-            ) >= cells:
+            cell = max((one or 0 for one in orders.ghosts.values()), default=0)
+            if cell >= cells or (orders.goal or 0) > self.hold:
                 raise Refused(f"moves: tick {self.ticks}: the map has no such place")
             self.step(orders)
 

@@ -14,6 +14,7 @@ ADDRESS = "https://example.org/en/latest/"
 TEXT = f"# Title\n\n![Page](images/web-1440.png)\n\n- Item\n\nA `name` and [a link](index.md). {'word ' * 40}\n"
 
 
+@pytest.mark.daily  # the built site is tested always, without an address
 def test_shared_page_has_first_sentence_and_absolute_addresses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("celshast")
     monkeypatch.setenv("READTHEDOCS_CANONICAL_URL", ADDRESS)

@@ -162,7 +162,10 @@ def visit(chromium: Any, page_server: WebServer) -> Iterator[Callable[..., Visit
     def opened(
         path: str = "", *, allowed: tuple[str, ...] = (), ready: bool = True, first: bool = False, **settings: Any
     ) -> Visitor:
-        context = chromium.new_context(**{"viewport": {"width": 1280, "height": 800}, **settings})
+        motion = "no-preference" if first else "reduce"  # without the demo, which costs the server a round
+        context = chromium.new_context(
+            **{"viewport": {"width": 1280, "height": 800}, "reduced_motion": motion, **settings}
+        )
         contexts.append(context)
         page = context.new_page()
         page.set_default_timeout(PATIENCE_S * 1000)

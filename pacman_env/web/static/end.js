@@ -154,5 +154,5 @@ state.on("frame", (frame) => {
   if (!$("end").hidden) showActions();
 });
 state.on("scene people role", () => $("end").hidden || showActions());
-state.on("story", (story) => story && !isShared && close());
+state.on("story", (story) => story && !(isShared && story.entry === ended) && close());
 state.on("demo", (invites) => invites && close());
