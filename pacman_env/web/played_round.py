@@ -150,8 +150,9 @@ class PlayedRound:
         """Play with recorded orders until ``ticks`` ticks or the end; raises Refused if they do not fit the round."""
         if max(moves.ghosts | moves.placed.keys(), default=0) >= len(self._behaviours):
             raise Refused(f"moves: the round has {len(self._behaviours)} ghosts")
-        for number, place in () if self.ticks else moves.placed.items():
-            self.place_ghost(number, *place)
+        if self.ticks == 0:
+            for number, place in moves.placed.items():
+                self.place_ghost(number, *place)
         cells = len(self.assets.clyde.position)
         for orders in islice(moves.ticks(), self.ticks, None):
             if self.over or self.ticks == ticks:
@@ -198,6 +199,7 @@ class PlayedRound:
     def _is_worse(self, situation: Situation, goal: int) -> bool:
         """Return True if ADVISER expects a catch on the way to ``goal`` clearly more often than with its own choice."""
         adviser = make_policy(ADVISER)
+        adviser.reset(_ALL, self.config)
         terms, own = adviser.explain(situation)[0], self._page_choice(adviser, situation)
         risk, least = (terms[self._numbers[one]].get("caught", 0.0) for one in (goal, own))
         return bool(risk - least >= _WORSE)

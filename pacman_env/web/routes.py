@@ -20,7 +20,7 @@ from pacman_env.web.sessions import VIEW_ONLY, Sessions
 STATIC = Path(__file__).with_name("static")
 MOST_UPLOAD = 8 << 20
 UPLOAD_S = 20.0
-#: Lets a browser request all modules at once, instead of those of each import in turn.
+#: Lets a browser request all modules at once, instead of one level of imports after another.
 _MODULES = ", ".join(
     f"<static/{path.name}>; rel=modulepreload" for path in sorted(STATIC.glob("*.js")) if path.name != "support.js"
 )

@@ -35,7 +35,7 @@ PLAY = {
     "clyde_mps": 0.15,
     "settings": {"power.pellets": 6, "clyde.speed_step_mps": 0.02, "time_limit_s": 420.0},
 }
-_GHOST_MPS = 0.25  # if a person plays a ghost: one that only follows the robot wins 36 of 60 rounds against ppo
+_GHOST_MPS = 0.25  # if a person plays a ghost; a ghost that only follows the robot wins 36 of 60 rounds against ppo
 _LONGEST_S = 3600.0  # limit of a round, because all ticks are stored
 _MOST_PIXELS = 4_000_000  # limit of an uploaded map: 2000 x 2000
 

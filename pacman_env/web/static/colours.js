@@ -1,4 +1,4 @@
-// The colours of the map, dark and light; those of the page are in style/base.css.
+// The colours of the map, dark and light; the page's other colours are in style/base.css.
 
 import { stored } from "./dom.js";
 

@@ -42,7 +42,7 @@ function hintFor(frame) {
   return { menu: start, starting: "Get ready." }[frame.state] ?? "";
 }
 
-state.on("frame story role people", () => {
+state.on("frame story demo role people", () => {
   const frame = state.shownFrame;
   if (!frame) return;
   const live = state.frame ?? frame;

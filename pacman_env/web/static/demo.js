@@ -1,4 +1,4 @@
-// The demo: while nobody plays, the map shows the prepared round as its policy plays it.
+// The demo: while no person plays, the map shows the prepared round as its policy plays it.
 
 import { $, still, stored } from "./dom.js";
 
@@ -30,7 +30,7 @@ export class Demo {
     this.#check();
   }
 
-  // Whether nobody plays and nothing else is shown.
+  // Whether no person plays and nothing else is shown.
   get #isIdle() {
     const { connected, source, scene, frame, role, story, posing, placing, people, me } = this.state;
     const mine = people.operator === me;
@@ -44,10 +44,10 @@ export class Demo {
   #check() {
     const { state } = this;
     const { demo, scene, invites } = state;
-    const idle = this.#isIdle;
-    if (idle !== invites) state.emit("demo", (state.invites = idle));
+    const idle = state.invites = this.#isIdle;
     if (demo && (!idle || demo.scene !== scene)) this.#end();
-    else if (!demo && idle && this.#asked !== scene.revision) this.#begin(scene);
+    else if (idle !== invites) state.emit("demo", idle);
+    if (!state.demo && idle && this.#asked !== scene.revision) this.#begin(scene);
   }
 
   async #begin(scene) {
@@ -66,8 +66,7 @@ export class Demo {
     if (!document.hidden) {
       demo.index = (demo.index + 1) % frames.length;
       this.map.showFrame(frames[demo.index], { jump: demo.index === 0 });
-      this.state.emit("story", null);
-      if (this.state.demo !== demo) return; // a listener has ended it
+      this.state.emit("demo", true);
     }
     const step_ms = (1000 * (frames.at(-1).time_s - frames[0].time_s)) / Math.max(1, frames.length - 1) / SPEED;
     this.#timer = setTimeout(() => this.#advance(), demo.index === frames.length - 1 ? END_MS : Math.max(20, step_ms));
@@ -77,6 +76,7 @@ export class Demo {
     clearTimeout(this.#timer);
     this.#asked = 0;
     this.state.demo = null;
+    this.state.emit("demo", this.state.invites);
     if (this.state.frame && !this.state.story) this.map.showFrame(this.state.frame, { jump: true });
   }
 }

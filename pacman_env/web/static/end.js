@@ -14,7 +14,7 @@ const NEXT = { // words of the main button, by what it starts
 };
 
 let ended = null; // the round that the card shows: an entry of the finished rounds, or a robot's last frame
-let isShared = false; // somebody else's round, opened by a link
+let isShared = false; // another person's round, opened by a link
 let lastState = "";
 let last = {}; // frame of the round's end: at home, lives and level are of the next round
 

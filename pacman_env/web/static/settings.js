@@ -11,7 +11,7 @@ export function showSettings(settings) {
   showPreset({}, {});
 }
 
-// Shows the values of a preset, and those that differ from it: by default those that the user has changed.
+// Shows the values of a preset, and the values that differ from it: by default the changes of the user.
 export function showPreset(values, changed = changedSettings()) {
   for (const one of rows) {
     const { name, value } = one.setting;

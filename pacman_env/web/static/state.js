@@ -9,8 +9,8 @@ export class PageState {
   people = { viewers: 0, operator: null, asking: [], roles: {} };
   frame = null; // the newest of the game
   story = null; // the finished round that is open: {entry, frames, index, scene, trail}
-  demo = null; // the round that is shown while nobody plays: {frames, index, scene}
-  invites = false; // whether nobody plays, so that the page offers to play
+  demo = null; // the round that is shown while no person plays: {frames, index, scene}
+  invites = false; // whether no person plays, so that the page offers to play
   role = "none";
   why = null;
   candidate = -1; // below the mouse pointer

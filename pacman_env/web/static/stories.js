@@ -1,4 +1,4 @@
-// Finished rounds: their list, and the one that is open.
+// Finished rounds: their list, and the open round.
 
 import { $, button, clock, counted, isShortcut, make, renderReleased, write } from "./dom.js";
 import { showResult } from "./end.js";
