@@ -11,6 +11,7 @@ const pack = (value) => btoa(JSON.stringify(value)).replaceAll("+", "-").replace
 const unpack = (text) => JSON.parse(atob(text.replaceAll("-", "+").replaceAll("_", "/")));
 
 export class Links {
+  opening = false; // whether a link's round is being prepared or opened
   #followed = false; // the link by which the page was opened
 
   constructor(state, game, stories) {
@@ -100,11 +101,12 @@ export class Links {
     const busy = (frame && frame.state !== "menu") || Object.values(people.roles).some(Boolean);
     if (busy && !(await question("This link opens another round and ends the current one. Continue?"))) return;
     const hide = notice("Preparing the linked round.", { stays: true, key: "setup" });
+    this.opening = true;
     const answer = await this.game.request(message, this.game.SLOW_MS);
     hide();
-    if (!answer) return;
-    if (answer.data?.story) await this.#open(answer.data.story, fieldsOf(link));
-    else notice("The linked round is ready: press Start.");
+    if (answer?.data?.story) await this.#open(answer.data.story, fieldsOf(link));
+    else if (answer) notice("The linked round is ready: press Start.");
+    this.opening = false;
   }
 
   async #open(story, { tick, moves, version, hash }) {

@@ -29,8 +29,8 @@ export class Stories {
   #explainTimer = 0;
 
   constructor(state, game, map) {
-    new Links(state, game, this);
     Object.assign(this, { state, game, map });
+    this.links = new Links(state, game, this);
     this.player = new Player(document, {
       show: (tick, jumps) => this.#show(tick, jumps),
       paused: () => this.#explain(),
@@ -41,7 +41,8 @@ export class Stories {
     state.on("news", async (items) => {
       const number = items.filter((item) => item.story).at(-1)?.story;
       const entry = number && await this.#load(number);
-      if (entry) showResult(entry);
+      const isLinked = this.links.opening || state.story?.entry.story === number; // has its own card
+      if (entry && !isLinked) showResult(entry);
     });
     state.on("tab", () => this.#explain());
     state.on("moment", (entry) => this.#openMoment(entry));
