@@ -110,6 +110,8 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
         "ends": [end.word for end in ENDS],
         "columns": len(CANDIDATE_FEATURES),
         "caught": CANDIDATE_FEATURES.index("caught"),
+        "return_s": config.power.return_s,
+        "ghost_points": config.power.ghost_points,
         "physics_step_s": config.physics_step_s,
         "tick_s": config.execution.tick_s,
         "body": {"radius_m": config.robot.radius_m, "mass_kg": config.robot.mass_kg, "slop_m": physics._COLLISION_SLOP_M},

@@ -1,11 +1,12 @@
 // One round of the game, tick by tick, by the planner or by people: as pacman_env/web/played_round.py plays it.
 
-const FOLLOW = -1; // in place of a ghost's cell: follow the robot
+import { CaughtGhosts } from "./caught_ghosts.js";
+
+export const FOLLOW = -1; // in place of a ghost's cell: follow the robot
 const [AS_BEHAVIOUR, TO_CELL] = [2, 3]; // kinds of a ghost's choice (sim/ghost_state.py)
 const NEAR_M = 1; // largest distance from a click to its candidate
 const WORSE = 0.1; // a goal is worse if a catch within 10 s is more likely by at least this probability
 const MOST_PLAN_POINTS = 64;
-const POINTS_S = 2; // for which points are shown
 
 const rounded = (value) => (Number.isFinite(value) ? Math.round(value * 1e4) / 1e4 : null);
 const sameOrders = (one, other) => JSON.stringify(one) === JSON.stringify(other);
@@ -40,6 +41,7 @@ export class Round {
     engine.array("begin_rounds", "seeds")[0] = BigInt(seed);
     for (const name of ["base_clyde_speed", "clyde_speed"]) engine.field("begin_rounds", "fresh", name)[0] = speed;
     engine.call("begin_rounds");
+    this.caught = power ? new CaughtGhosts(engine.facts.return_s, engine.facts.ghost_points) : null;
     this.#observe();
     this.snapshots = [this.#snapshot()];
   }
@@ -174,9 +176,26 @@ export class Round {
     return {
       kind: "frame", state: "running", time_s, collected: game("collected"), spawned: this.pellets,
       goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
-      velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, alive,
-      scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
+      velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
+      alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
+      ...(this.caught ? { ...this.#caughtFields(places, time_s, alive), ghosts_caught: game("caught") } : {}),
     };
+  }
+
+  #caughtFields(places, time_s, alive) {
+    const { facts } = this.engine;
+    const obstacles = this.engine.array("play", "rules.obstacles");
+    const until_s = places.map((_, k) => [3, 4].map((column) => obstacles[5 * k + column] * facts.physics_step_s));
+    return this.caught.update(places, until_s, time_s, facts.power.filter((pellet) => alive[pellet]).length);
+  }
+
+  // Where people have sent ghosts; null: not sent.
+  ghostGoals(robot, sent = this.#sent) {
+    return this.behaviours.map((_, k) => {
+      const cell = sent[k] ?? null;
+      if (cell === null) return [null, null];
+      return cell === FOLLOW ? robot.slice(0, 2) : [...this.#cell(cell)];
+    });
   }
 
   #plan() {
