@@ -29,7 +29,7 @@ _VARIANTS = ("clyde_aware:documented", "search:alone")  # policies for measureme
 _CHOSEN_ELSEWHERE = ("clyde.speed_mps", "execution.tick_s")
 _MOST_MAPS = 20  # uploaded maps
 #: What *Play* on the page sets up. ``ppo`` completes at least half of each of the levels (``HARDEST`` in ``match.py``).
-PLAY = {
+PLAY: dict[str, Any] = {
     "preset": "robot",
     "ghosts": ("arcade", "wander"),
     "clyde_mps": 0.15,

@@ -1,15 +1,13 @@
 """Build the page that plays without a server: ``python -m tools.browser_game FOLDER``."""
 
 import gzip
-import json
-import struct
 import sys
 from pathlib import Path
 
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.browser_game import kernels, maps, module
-from tools.browser_game.image import Image
+from tools.browser_game.image import Image, flat, save
 
 HOUSES = 20  # generated houses, by their level numbers from 0 on
 
@@ -22,16 +20,17 @@ def build(folder: Path, work: Path) -> None:
     functions = {address: kernels.FIRST_FUNCTION + k for k, address in enumerate(called.values())}
     planner = LearnedPlanner()
     network = Image(module.BASE, functions)
-    network.add(*maps.network_arrays(planner).values())
+    network.add(*flat(planner._session._network._asdict()).values())
     entries, stored = network.packed()
     header = {"entries": entries, "functions": [*called], "first": kernels.FIRST_FUNCTION}
-    text = json.dumps(header, separators=(",", ":")).encode()
-    (folder / "network.bin").write_bytes(gzip.compress(struct.pack("<I", len(text)) + text + stored, 9, mtime=0))
+    save(folder / "network.bin", header, stored)
     for name in shipped_maps():
         maps.write(name, None, planner, network, folder / "maps" / f"{name}.bin")
     for level in range(HOUSES):
         maps.write("generated", level, planner, network, folder / "maps" / f"generated-{level}.bin")
-    built = module.build(kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc", "exp", "tanh"], work)
+    built = module.build(
+        kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc", "exp", "tanh"], work
+    )
     (folder / "game.wasm.bin").write_bytes(gzip.compress(built.read_bytes(), 9, mtime=0))
 
 

@@ -1,9 +1,13 @@
 """Copy tables, and the arrays that they refer to, to the memory of a WebAssembly module, whose addresses differ."""
 
 import gc
+import gzip
+import json
 import math
+import struct
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,15 +59,18 @@ class Image:
             table = waiting.pop()
             if table.address not in done:
                 done.add(table.address)
-                self.add(table.numbers, *flat(table).values())
-                for array in flat(table).values():
+                self.add(table.numbers, *flat(table.arrays).values())
+                for array in flat(table.arrays).values():
                     values = address(array), *(value for _, value in _integers(array))  # an array may be a table's
                     waiting += [known[value] for value in values if value in known]
 
     def equate(self, table: Table, copied: Table) -> None:
         """Let a table, and its arrays, have the addresses of an equal table that has been copied."""
-        others = flat(copied)
-        pairs = [(table.numbers, copied.numbers), *((array, others[name]) for name, array in flat(table).items())]
+        others = flat(copied.arrays)
+        pairs = [
+            (table.numbers, copied.numbers),
+            *((array, others[name]) for name, array in flat(table.arrays).items()),
+        ]
         for array, other in pairs:
             self._places[address(array)] = self._places[address(other)]
 
@@ -87,17 +94,12 @@ class Image:
         return entries, b"".join(parts)
 
 
-def flat(table: Table) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a table by name, those of nested tuples as ``tuple.array``."""
-    return dict(_named("", table.arrays))
-
-
-def _named(prefix: str, arrays: Mapping[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+def flat(arrays: Mapping[str, Any], prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return arrays by name, those of nested tuples as ``tuple.array``."""
+    found: dict[str, NDArray[Any]] = {}
     for name, value in arrays.items():
-        if isinstance(value, tuple):
-            yield from _named(f"{prefix}{name}.", value._asdict())  # type: ignore[attr-defined]
-        else:
-            yield prefix + name, value
+        found |= flat(value._asdict(), f"{prefix}{name}.") if hasattr(value, "_asdict") else {prefix + name: value}
+    return found
 
 
 def _integers(array: NDArray[Any]) -> Iterator[tuple[int, int]]:
@@ -129,3 +131,9 @@ def _stored(place: int, array: NDArray[Any], content: bytes) -> tuple[Entry, byt
                 least = len(zlib.compress(text))
                 best = Entry(place, len(content), array.itemsize, lag, apart), text
     return best
+
+
+def save(path: Path, header: Mapping[str, Any], stored: bytes) -> None:
+    """Write a file, compressed by gzip: the length of the header (uint32), the header (JSON), and stored arrays."""
+    text = json.dumps(header, separators=(",", ":")).encode()
+    path.write_bytes(gzip.compress(struct.pack("<I", len(text)) + text + stored, 9, mtime=0))

@@ -33,28 +33,33 @@ class StartArrays(NamedTuple):
     wander_first: Any = Array(np.bool_, "G")
 
 
-class PlannerArrays(NamedTuple):
-    """Inputs, weights and results of the network for one game; the weights are those of ``forward_pass``."""
+class _Layer(NamedTuple):
+    weight: Any = Array(np.float32, "i o")
+    bias: Any = Array(np.float32, "k o")
 
+
+class _Network(NamedTuple):
+    """The weights of the network, as in ``forward_pass._Network``."""
+
+    whole: Any = _Layer
+    own: Any = Array(np.float32, "f o")
+    encode: Any = _Layer
+    pooled: Any = _Layer
+    encoded: Any = Array(np.float32, "i o")
+    judge: Any = _Layer
+    everything: Any = _Layer
+    value: Any = _Layer
+
+
+class PlannerArrays(NamedTuple):
+    """Inputs and results of the network for one game."""
+
+    network: Any = _Network
     mask: Any = Array(np.bool_, "1 C")
     candidates: Any = Array(np.float32, "1 C f")
     whole: Any = Array(np.float32, "1 w")
     logits: Any = Array(np.float64, "C")  # -inf outside the mask
     value: Any = Array(np.float64, "1")
-    whole_weight: Any = Array(np.float32, "a b")
-    whole_bias: Any = Array(np.float32, "c d")
-    own: Any = Array(np.float32, "e f")
-    encode_weight: Any = Array(np.float32, "a b")
-    encode_bias: Any = Array(np.float32, "c d")
-    pooled_weight: Any = Array(np.float32, "a b")
-    pooled_bias: Any = Array(np.float32, "c d")
-    encoded: Any = Array(np.float32, "a b")
-    judge_weight: Any = Array(np.float32, "a b")
-    judge_bias: Any = Array(np.float32, "c d")
-    everything_weight: Any = Array(np.float32, "a b")
-    everything_bias: Any = Array(np.float32, "c d")
-    value_weight: Any = Array(np.float32, "a b")
-    value_bias: Any = Array(np.float32, "c d")
 
 
 _start_arrays, _planner_arrays = arrays_by_address(StartArrays), arrays_by_address(PlannerArrays)
@@ -72,9 +77,7 @@ def begin_rounds(table, first, last):  # type: ignore[no-untyped-def]
         rules.waits[i, :] = 0
         rules.aborts[i, :] = 0
     use_tf = rules.parameters[0].use_tf
-    kernels.reset_ghosts(
-        rules.games, index, a.ghosts, a.paths, rules.obstacles, a.wander_first, rules.levels, use_tf
-    )
+    kernels.reset_ghosts(rules.games, index, a.ghosts, a.paths, rules.obstacles, a.wander_first, rules.levels, use_tf)
     return 0
 
 
@@ -91,7 +94,7 @@ def place_ghost(table, number, cell):  # type: ignore[no-untyped-def]
 
 @kernel
 def judge(table, first, last):  # type: ignore[no-untyped-def]
-    """Write the logits of the candidates and the value of the situation; return the best candidate, -1 if there is none."""
+    """Write the logits of the candidates and the value of the situation; return the best candidate (-1: none)."""
     a = _planner_arrays(table)
     allowed = np.flatnonzero(a.mask[0])
     a.logits[:] = -np.inf
@@ -99,18 +102,7 @@ def judge(table, first, last):  # type: ignore[no-untyped-def]
     for k in range(len(allowed)):
         own[k] = a.candidates[0, allowed[k]]
     counts = np.full(1, len(allowed))
-    layer = forward_pass._Layer
-    network = forward_pass._Network(
-        layer(a.whole_weight, a.whole_bias),
-        a.own,
-        layer(a.encode_weight, a.encode_bias),
-        layer(a.pooled_weight, a.pooled_bias),
-        a.encoded,
-        layer(a.judge_weight, a.judge_bias),
-        layer(a.everything_weight, a.everything_bias),
-        layer(a.value_weight, a.value_bias),
-    )
-    judged, values = forward_pass._judge(network, own, a.whole, np.zeros(len(allowed), np.int64), counts)
+    judged, values = forward_pass._judge(a.network, own, a.whole, np.zeros(len(allowed), np.int64), counts)
     best = -1
     for k in range(len(allowed)):
         a.logits[allowed[k]] = judged[k, 0]
@@ -137,11 +129,15 @@ def called_kernels() -> dict[str, Any]:
     follow, decide = ghost_state._follow_behaviour, coarse_model._decide_behaviour
     own = {f"ghost_{one.name}": behaviour_kernel(follow, one) for one in BEHAVIOURS.values() if one.target}
     believed = [BEHAVIOURS[name] for name in BELIEVED if name in BEHAVIOURS and name != WANDER]
-    return own | {f"believed_{one.name}": behaviour_kernel(decide, one) for one in believed} | {"contact_step": physics._contact_step}
+    return (
+        own
+        | {f"believed_{one.name}": behaviour_kernel(decide, one) for one in believed}
+        | {"contact_step": physics._contact_step}
+    )
 
 
 def called_functions() -> dict[str, int]:
-    """Return the addresses in this process of all functions that kernels call by address, by their names in the module."""
+    """Return the addresses in this process of what kernels call by address, by the names in the module."""
     chipmunk = zip(_C_FUNCTIONS, physics._CALLED, strict=True)
     c_functions = {name: int(ffi.cast("uintptr_t", ffi.addressof(lib, theirs))) for name, theirs in chipmunk}
     return {name: address_of_kernel(one) for name, one in called_kernels().items()} | c_functions

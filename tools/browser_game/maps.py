@@ -1,13 +1,9 @@
 """Write prepared maps for the browser: the memory that kernels need, and the facts that the page shows."""
 
-import gzip
-import json
-import struct
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pacman_env.engine.arrays import Table
 from pacman_env.game.ends import ENDS
@@ -22,7 +18,7 @@ from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import PLAY, Choices, Rules
 from pacman_env.web.simulated_view import scene_of
 from pacman_env.world.navigation import physics
-from tools.browser_game.image import Image, flat
+from tools.browser_game.image import Image, flat, save
 from tools.browser_game.kernels import PlannerArrays, StartArrays
 
 MOST_GHOSTS = 4
@@ -34,15 +30,6 @@ class Prepared(NamedTuple):
     played: PlayedRound
     tables: dict[str, Table]
     rules: Rules
-
-
-def network_arrays(planner: LearnedPlanner) -> dict[str, NDArray[np.float32]]:
-    """Return the weights of the built-in planner by their names in ``PlannerArrays``."""
-    arrays: dict[str, NDArray[np.float32]] = {}
-    for name, layer in planner._session._network._asdict().items():
-        own = {name: layer} if isinstance(layer, np.ndarray) else {f"{name}_{part}": one for part, one in layer._asdict().items()}
-        arrays |= own
-    return arrays
 
 
 def prepare(map: str, level: int | None, ghosts: int, planner: LearnedPlanner) -> Prepared:
@@ -62,39 +49,40 @@ def prepare(map: str, level: int | None, ghosts: int, planner: LearnedPlanner) -
     fresh = draw_episodes(np.zeros(1, np.uint64), played.config)
     batch._levels.enter(np.zeros(1, np.int64), fresh)
     state = batch._ghosts
-    start = {"rules": batch.rule_arrays, "ghosts": state.state, "paths": state.paths, "wander_first": state.wander_first}
+    start = {
+        "rules": batch.rule_arrays,
+        "ghosts": state.state,
+        "paths": state.paths,
+        "wander_first": state.wander_first,
+    }
     judged = {"mask": situation.mask, "logits": np.zeros(slots), "value": np.zeros(1)}
     tables = {
         "begin_rounds": Table(StartArrays, **start, fresh=fresh, seeds=np.zeros(1, np.uint64)),
         "play": batch.tick_stage()[1][0],
         "write_situations": situation_stage(batch, situation)[1][0],
         "fill": planner_features.planner_stage(situation, speed, situation.mask, **features)[1][0],
-        "judge": Table(PlannerArrays, **judged, **features, **network_arrays(planner)),
+        "judge": Table(PlannerArrays, **judged, **features, network=planner._session._network),
         "situation": situation.table,
     }
     return Prepared(played, tables, rules)
 
 
 def write(map: str, level: int | None, planner: LearnedPlanner, network: Image, path: Path) -> None:
-    """Write a map: its memory, the memory of its rounds for each number of ghosts, all at one place, and its facts.
-
-    The file is compressed by gzip: the length of the header (uint32), the header (JSON), and the stored arrays.
-    """
+    """Write a map: its memory, that of its rounds for each number of ghosts, all at one place, and its facts."""
     rounds = [prepare(map, level, ghosts, planner) for ghosts in range(1, MOST_GHOSTS + 1)]
     shown = _level(rounds[0])
     own = Image(network.end, network.functions, network)
     own.add_tables([shown.table])
     entries, stored = own.packed()
-    header: dict[str, Any] = {"facts": _facts(rounds[0]), "entries": entries, "end": own.end, "rounds": [], "records": {}}
-    content = [stored]
+    header: dict[str, Any] = {"facts": _facts(rounds[0]), "entries": entries, "end": own.end, "rounds": []}
+    records: dict[np.dtype[Any], str] = {}
     for one in rounds:
         image = _round(one, own, shown)
-        parts, stored = image.packed()
-        content.append(stored)
-        tables = {name: _table(table, image, header["records"]) for name, table in _tables(one).items()}
+        parts, more = image.packed()
+        stored += more
+        tables = {name: _table(table, image, records) for name, table in _tables(one).items()}
         header["rounds"].append({"end": image.end, "entries": parts, "tables": tables})
-    text = json.dumps(header, separators=(",", ":")).encode()
-    path.write_bytes(gzip.compress(struct.pack("<I", len(text)) + text + b"".join(content), 9, mtime=0))
+    save(path, {**header, "records": {name: _record(dtype) for dtype, name in records.items()}}, stored)
 
 
 def _facts(prepared: Prepared) -> dict[str, Any]:
@@ -114,7 +102,11 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
         "ghost_points": config.power.ghost_points,
         "physics_step_s": config.physics_step_s,
         "tick_s": config.execution.tick_s,
-        "body": {"radius_m": config.robot.radius_m, "mass_kg": config.robot.mass_kg, "slop_m": physics._COLLISION_SLOP_M},
+        "body": {
+            "radius_m": config.robot.radius_m,
+            "mass_kg": config.robot.mass_kg,
+            "slop_m": physics._COLLISION_SLOP_M,
+        },
         "scene": scene.facts,
     }
 
@@ -145,23 +137,19 @@ def _tables(prepared: Prepared) -> dict[str, Table]:
     return {**prepared.tables, "ghosts": ghosts, "contacts": contacts._table, "level": _level(prepared).table}
 
 
-def _table(table: Table, image: Image, records: dict[str, Any]) -> dict[str, Any]:
-    """Return the address of a table, and address, type and shape of its arrays; add their types to ``records``."""
-    arrays = {}
-    for name, array in flat(table).items():
-        if array.size:
-            arrays[name] = image.place(array), _type(array.dtype, records), array.shape
+def _table(table: Table, image: Image, records: dict[np.dtype[Any], str]) -> dict[str, Any]:
+    """Return the address of a table, and address, type and shape of its arrays; types of records get names."""
+
+    def kind(dtype: np.dtype[Any]) -> str:
+        return records.setdefault(dtype, f"record{len(records)}") if dtype.fields else dtype.str[1:]
+
+    arrays = {
+        name: (image.place(one), kind(one.dtype), one.shape) for name, one in flat(table.arrays).items() if one.size
+    }
     return {"at": image.place(table.numbers), "arrays": arrays}
 
 
-def _type(dtype: np.dtype[Any], records: dict[str, Any]) -> str:
-    """Return the name of a type: of a number, as ``f8``, or of a record, whose fields are added to ``records``."""
-    if dtype.fields is None:
-        return dtype.str[1:] if dtype.subdtype is None else dtype.subdtype[0].str[1:]
-    fields = {name: (place[1], _type(place[0], records)) for name, place in dtype.fields.items()}
-    for known, record in records.items():
-        if record == {"size": dtype.itemsize, "fields": fields}:
-            return known
-    name = f"record{len(records)}"
-    records[name] = {"size": dtype.itemsize, "fields": fields}
-    return name
+def _record(dtype: np.dtype[Any]) -> dict[str, Any]:
+    """Return the size of a record, and offset and type of its fields."""
+    fields = {name: (place[1], place[0].base.str[1:]) for name, place in (dtype.fields or {}).items()}
+    return {"size": dtype.itemsize, "fields": fields}

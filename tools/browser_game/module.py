@@ -71,7 +71,9 @@ def _code(kernel: Any, name: str) -> str:
     code = str(module)
     for function in module.functions:  # wrappers for calls from Python
         if not function.is_declaration and function.name.startswith("_ZN7cpython"):
-            code = re.sub(rf"^define [^\n]*@{re.escape(function.name)}\(.*?^}}$", "", code, flags=re.DOTALL | re.MULTILINE)
+            code = re.sub(
+                rf"^define [^\n]*@{re.escape(function.name)}\(.*?^}}$", "", code, flags=re.DOTALL | re.MULTILINE
+            )
     code = code.replace(own, name)
     # The code counts bytes as on a machine with 64-bit addresses, so records on the stack keep that size.
     code = re.sub(r"(= alloca \{)([^}]*)\}", lambda found: f"{found[1]}{found[2].replace('ptr', 'i64')}}}", code)
@@ -98,7 +100,15 @@ def _chipmunk(folder: Path) -> Path:
     """Return the folder of Chipmunk's sources, from the source package of the installed pymunk, loaded once."""
     name = f"pymunk-{version('pymunk')}"
     if not (folder / name).is_dir():
-        command = "pip", "download", "--quiet", "--no-deps", "--no-binary=pymunk", f"--dest={folder}", name.replace("-", "==")
+        command = (
+            "pip",
+            "download",
+            "--quiet",
+            "--no-deps",
+            "--no-binary=pymunk",
+            f"--dest={folder}",
+            name.replace("-", "=="),
+        )
         subprocess.run([sys.executable, "-m", *command], check=True)
         with tarfile.open(folder / f"{name}.tar.gz") as package:
             package.extractall(folder, filter="data")
