@@ -28,9 +28,7 @@ def build(folder: Path, work: Path) -> None:
         maps.write(name, None, planner, network, folder / "maps" / f"{name}.bin")
     for level in range(HOUSES):
         maps.write("generated", level, planner, network, folder / "maps" / f"generated-{level}.bin")
-    built = module.build(
-        kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc", "exp", "tanh"], work
-    )
+    built = module.build(kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc"], work)
     (folder / "game.wasm.bin").write_bytes(gzip.compress(built.read_bytes(), 9, mtime=0))
 
 

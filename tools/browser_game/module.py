@@ -20,17 +20,6 @@ _TRIPLE = "wasm32-unknown-unknown"
 _FEATURES = "+simd128,+bulk-memory,+mutable-globals,+sign-ext,+nontrapping-fptoint"
 _HERE = Path(__file__).parent
 _LONGEST_NAME = 400  # LLVM cuts names that are longer
-#: Numba counts references by an instruction of x86 that reports whether the count is 0.
-_COUNT_DOWN = """
-define internal i8 @count_down(ptr %at, i64 %by, i32 %condition) {
-  %old = load i64, ptr %at
-  %new = sub i64 %old, %by
-  store i64 %new, ptr %at
-  %zero = icmp eq i64 %new, 0
-  %result = zext i1 %zero to i8
-  ret i8 %result
-}
-"""
 
 
 def build(kernels: Mapping[str, Any], exports: Sequence[str], folder: Path) -> Path:
@@ -66,21 +55,12 @@ def _code(kernel: Any, name: str) -> str:
     """
     address_of_kernel(kernel)
     compiled = kernel.overloads[RANGE]
-    own = compiled.fndesc.llvm_func_name
-    module = compiled.library._get_module_for_linking()
-    code = str(module)
-    for function in module.functions:  # wrappers for calls from Python
-        if not function.is_declaration and function.name.startswith("_ZN7cpython"):
-            code = re.sub(
-                rf"^define [^\n]*@{re.escape(function.name)}\(.*?^}}$", "", code, flags=re.DOTALL | re.MULTILINE
-            )
-    code = code.replace(own, name)
+    code = str(compiled.library._get_module_for_linking()).replace(compiled.fndesc.llvm_func_name, name)
     # The code counts bytes as on a machine with 64-bit addresses, so records on the stack keep that size.
     code = re.sub(r"(= alloca \{)([^}]*)\}", lambda found: f"{found[1]}{found[2].replace('ptr', 'i64')}}}", code)
-    code = re.sub(r"declare i8 @llvm\.x86\.atomic\.sub\.cc\.i64[^\n]*", "", code)
-    if "llvm.x86.atomic.sub.cc.i64" in code:
-        code = code.replace("llvm.x86.atomic.sub.cc.i64", "count_down") + _COUNT_DOWN
-    return code
+    # Numba counts references by an instruction of x86 that reports whether the count is 0.
+    code = re.sub(r"declare i8 @llvm\.x86\.atomic\.sub\.cc\.i64.*", "declare i8 @count_down(ptr, i64, i32)", code)
+    return code.replace("llvm.x86.atomic.sub.cc.i64", "count_down")
 
 
 def _object(code: str) -> bytes:
@@ -100,16 +80,8 @@ def _chipmunk(folder: Path) -> Path:
     """Return the folder of Chipmunk's sources, from the source package of the installed pymunk, loaded once."""
     name = f"pymunk-{version('pymunk')}"
     if not (folder / name).is_dir():
-        command = (
-            "pip",
-            "download",
-            "--quiet",
-            "--no-deps",
-            "--no-binary=pymunk",
-            f"--dest={folder}",
-            name.replace("-", "=="),
-        )
-        subprocess.run([sys.executable, "-m", *command], check=True)
+        options = "--quiet", "--no-deps", "--no-binary=pymunk", f"--dest={folder}"
+        subprocess.run([sys.executable, "-m", "pip", "download", *options, name.replace("-", "==")], check=True)
         with tarfile.open(folder / f"{name}.tar.gz") as package:
             package.extractall(folder, filter="data")
     return folder / name / "Munk2D"

@@ -22,6 +22,7 @@ Memory *NRT_MemInfo_alloc_aligned(int64_t size, int32_t align) {
   return NRT_MemInfo_alloc(size);  // malloc aligns to 16 bytes, which is enough for the vectors of a browser
 }
 
+int8_t count_down(int64_t *at, int64_t by, int32_t condition) { return (*at -= by) == 0; }
 void NRT_MemInfo_call_dtor(Memory *memory) { free(memory); }
 void *NRT_Allocate(int64_t size) { return malloc(size); }
 void NRT_Free(void *memory) { free(memory); }
