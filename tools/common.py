@@ -1,6 +1,5 @@
 """Shared helpers of the tools: folders of the checkout, Markdown tables, pages to write or check, arguments."""
 
-import argparse
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,12 @@ def number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 
+def literal(value: Any) -> str:
+    return repr(value).replace("'", '"')
+
+
 def as_arguments(kwargs: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}".replace("'", '"') for name, value in kwargs.items())
+    return ", ".join(f"{name}={literal(value)}" for name, value in kwargs.items())
 
 
 def update(path: Path, text: str, check: bool, complaint: str) -> int:
@@ -39,17 +42,6 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
     return 0
 
 
-def names(what: str, known: Collection[str]) -> tuple[str, dict[str, Any]]:
-    """Return the positional argument ``names`` for argparse: some of ``known``, or all if none is given."""
-
-    def name(given: str) -> str:
-        if given not in known:
-            raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
-        return given
-
-    return "names", {"nargs": "*", "type": name, "metavar": "NAME", "help": f"which: {', '.join(known)} (all)"}
-
-
 def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) -> None:
     """Write RGB frames as an animated WebP without loss."""
     from PIL import Image
@@ -60,9 +52,9 @@ def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) ->
     first.save(path, "WEBP", save_all=True, append_images=others, duration=times_ms, **small)
 
 
-def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
-    flag, keywords = names(what, known)
-    parser.add_argument(flag, **keywords)
+def add_names(parser: Parser, known: Collection[str]) -> None:
+    help_text = f"which: {', '.join(known)} (all)"
+    parser.add_argument("names", nargs="*", choices=known, metavar="NAME", help=help_text)
 
 
 def add_check(parser: Parser) -> None:

@@ -158,9 +158,8 @@ def draw_observations(theme: Theme) -> Image:
     stepped = env.step(int(env.batch.hold))[0]
     frame = render_frame(env.batch, 0, height=420, theme=theme)
     pictures = frame, _scan_picture(theme, env, stepped["scan"], len(frame)), _grid_picture(theme, stepped["grid"])
-    return sheet(
-        theme, pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot")
-    )
+    captions = "the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot"
+    return sheet(theme, pictures, 3, captions)
 
 
 def _scan_picture(theme: Theme, env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
@@ -194,20 +193,15 @@ def _grid_picture(theme: Theme, grid: NDArray[np.uint8], times: int = 6) -> Imag
 
 #: Functions that draw the pictures, by file name in docs/images.
 PICTURES: dict[str, Callable[[Theme], Image]] = {
-    draw.__name__.removeprefix("draw_"): draw
-    for draw in (
-        draw_replay,
-        draw_story,
-        draw_ghosts,
-        draw_power,
-        draw_observations,
-        draw_maps,
-        draw_reading,
-        draw_houses,
-    )
+    "replay": draw_replay,
+    "story": draw_story,
+    "ghosts": draw_ghosts,
+    "power": draw_power,
+    "observations": draw_observations,
+    "maps": draw_maps,
+    "reading": draw_reading,
+    "houses": draw_houses,
 }
-
-
 NAMES = (*PICTURES, "round", "round-dark", "learning")
 
 
@@ -218,7 +212,7 @@ def save(name: str, path: Path, theme: Theme = "light") -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    add_names(parser, "picture", NAMES)
+    add_names(parser, NAMES)
     add_images(parser)
     return run_command(parser, argv, _draw)
 

@@ -31,7 +31,7 @@ from pacman_env.observations.planner_columns import GHOST_TOKENS, CandidateColum
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
-from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, number, save_film, table, update
+from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, literal, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS
 from tools.reference import columns_of
@@ -149,7 +149,7 @@ def page(env_id: str, env: Any) -> str:
         "highest": _highest(env, first),
         "rewards": list(_rewards(env.config)),
         "settings": list(_settings(env.config)),
-        "first_info": "".join(f'    "{key}": {_literal(value)},\n' for key, value in first.items()),
+        "first_info": "".join(f'    "{key}": {literal(value)},\n' for key, value in first.items()),
         "figure": figure_of(env_id),
         "stamp": VIEWS["stamp"](figure_of(env_id), records, ()),
         "scores": scores_of(env_id, scores),
@@ -186,11 +186,7 @@ def _settings(config: Config) -> Iterator[tuple[str, str, str]]:
     for name in _SETTINGS:
         group, _, leaf = name.rpartition(".")
         owner = operator.attrgetter(group)(config) if group else config
-        yield name, _literal(getattr(owner, leaf)), description_of(owner, leaf)
-
-
-def _literal(value: Any) -> str:
-    return repr(value).replace("'", '"')
+        yield name, literal(getattr(owner, leaf)), description_of(owner, leaf)
 
 
 def _columns(kind: type[IntEnum], first: int = 0, prefix: str = "") -> list[list[str]]:

@@ -34,7 +34,7 @@ from pacman_env.observations.kinds import BUILT_IN_KINDS, ObservationPart
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.web.frame import Frame, OptionalFields
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools.common import ROOT, add_check, as_arguments, number, table, update
+from tools.common import ROOT, add_check, as_arguments, literal, number, table, update
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
@@ -42,7 +42,7 @@ _KINDS = {bool: "`True` or `False`", int: "whole number"}
 
 
 def _code(value: object) -> str:
-    return f"`{value!r}`".replace("'", '"')
+    return f"`{literal(value)}`"
 
 
 def _values(unit: str, kind: Any) -> str:

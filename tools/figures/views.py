@@ -90,11 +90,6 @@ def _all_ids(name: str, records: Records, words: Sequence[str]) -> str:
 
 View = Callable[[str, Records, Sequence[str]], str]
 VIEWS: dict[str, View] = {
-    "stamp": _stamp,
-    "command": _command,
-    "share": _share,
-    "terminal": _terminal,
-    "rate": _rate,
-    "learned-range": _learned_range,
-    "all-ids": _all_ids,
+    view.__name__[1:].replace("_", "-"): view
+    for view in (_stamp, _command, _share, _terminal, _rate, _learned_range, _all_ids)
 }
