@@ -1,5 +1,6 @@
 """Shared helpers of the tools: folders of the checkout, Markdown tables, pages to write or check, arguments."""
 
+import argparse
 from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -52,9 +53,15 @@ def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) ->
     first.save(path, "WEBP", save_all=True, append_images=others, duration=times_ms, **small)
 
 
-def add_names(parser: Parser, known: Collection[str]) -> None:
-    help_text = f"which: {', '.join(known)} (all)"
-    parser.add_argument("names", nargs="*", choices=known, metavar="NAME", help=help_text)
+def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
+    """Add the positional argument ``names``: some of ``known``, or all if none is given."""
+
+    def name(given: str) -> str:
+        if given not in known:
+            raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
+        return given
+
+    parser.add_argument("names", nargs="*", type=name, metavar="NAME", help=f"which: {', '.join(known)} (all)")
 
 
 def add_check(parser: Parser) -> None:

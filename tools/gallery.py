@@ -212,7 +212,7 @@ def save(name: str, path: Path, theme: Theme = "light") -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    add_names(parser, NAMES)
+    add_names(parser, "picture", NAMES)
     add_images(parser)
     return run_command(parser, argv, _draw)
 

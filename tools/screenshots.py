@@ -134,7 +134,7 @@ def shoot(browser: Any, name: str) -> Image.Image:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.screenshots", description="Take the screenshots of the operator's page.")
-    add_names(parser, SHOTS)
+    add_names(parser, "picture", SHOTS)
     add_images(parser)
     return run_command(parser, argv, _shoot_all, "dev")
 

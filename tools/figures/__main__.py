@@ -63,7 +63,7 @@ def check(records: Mapping[str, Any], now: Mapping[str, str]) -> int:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="scripts/figures", description=__doc__)
-    add_names(parser, measurements())
+    add_names(parser, "figure", measurements())
     add_check(parser)
     parser.add_argument("--list", action="store_true", help="print the measurements with their commands, and stop")
     parser.add_argument("--write", action="store_true", help="measure nothing, write the stored figures into the pages")
