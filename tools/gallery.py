@@ -128,10 +128,9 @@ def draw_power(theme: Theme) -> Image:
 
 
 def draw_maps(theme: Theme) -> Image:
-    names = shipped_maps()
-    tiles = [map_assets(name, make_config()) for name in names]
-    captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]
-    return sheet(theme, [tile(theme, assets, 30.0) for assets in tiles], 2, captions)
+    drawn = {name: map_assets(name, make_config()) for name in shipped_maps()}
+    captions = [f"{name}: {assets.pellets} pellets" for name, assets in drawn.items()]
+    return sheet(theme, [tile(theme, assets, 30.0) for assets in drawn.values()], 2, captions)
 
 
 def draw_reading(theme: Theme) -> Image:

