@@ -92,15 +92,11 @@ class _Tests(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        self._play(max(self._baseline.every, 1))
+        if self.num_timesteps - self._tested >= max(self._baseline.every, 1):
+            self._on_training_end()
 
     def _on_training_end(self) -> None:
-        self._play(1)
-
-    def _play(self, least: int) -> None:
-        """Play the test rounds, always the same, with the best actions, if the learner made enough decisions."""
-        if self.num_timesteps - self._tested < least:
-            return
+        """Play the test rounds, always the same, with the best actions."""
         self._tested, self.won = self.num_timesteps, {}
         if isinstance(self._test, VecNormalize) and (normalizer := self.model.get_vec_normalize_env()):
             self._test.obs_rms = normalizer.obs_rms

@@ -239,6 +239,9 @@ class Recorder(ObserverNode):
 
 
 def record(arguments: argparse.Namespace) -> None:
+    from pyarrow import csv as arrow  # now, because its absence would be noticed after the recording
+    from pyarrow import parquet
+
     join(None, this_machine=True)
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
@@ -278,22 +281,15 @@ def record(arguments: argparse.Namespace) -> None:
             child.send_signal(signal.SIGTERM)
             child.wait(20)
         node.close()
+        parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
+        (folder / "samples.csv").unlink()
+        goals = node.goals.values()
         card["minutes"] = round((time.monotonic() - start) / 60, 1)
-        finish(folder, card, list(node.goals.values()), logs)
-
-
-def finish(folder: Path, card: dict[str, Any], goals: Sequence[Goal], logs: Path) -> None:
-    """Write the card, and the samples as Parquet."""
-    from pyarrow import csv as arrow
-    from pyarrow import parquet
-
-    parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
-    (folder / "samples.csv").unlink()
-    if (log := logs / "nav2.log").is_file():
-        card["controller_cycles_late"] = sum("Control loop missed" in line for line in log.open(errors="replace"))
-    card["active_s"] = round(sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0))
-    card["goals"] = dict(Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals))
-    (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
+        if (nav2_log := logs / "nav2.log").is_file():
+            card["controller_cycles_late"] = nav2_log.read_bytes().count(b"Control loop missed")
+        card["active_s"] = round(sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0))
+        card["goals"] = dict(Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals))
+        (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
 
 
 def make_parser(module: str, description: str | None, out: str) -> Parser:

@@ -24,10 +24,8 @@ _LEAGUE_MAPS = (
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
 _SUITE = "--suite brief --policies ppo lookahead clyde_aware nearest"
 
-_ROUNDS = ("engine", "settings", "evaluation")
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
-_PLANNERS = (*_FEATURES, "planner", "policies")
-_POLICIES = (*_ROUNDS, *_PLANNERS)
+_POLICIES = ("engine", "settings", "evaluation", *_FEATURES, "planner", "policies")
 _FIELDS = (
     "map", "policy", "clyde_speed", "kind", "episodes", "levels", "pellets", "pellets_least", "completion_rate",
     "completion_ci", "all_but_one_rate", "all_but_one_ci", "pellets_mean", "ghosts_caught_mean", "death_rate",

@@ -36,9 +36,7 @@ def filled(page: str, records: Records) -> str:
 
 def _stamp(name: str, records: Records, words: Sequence[str]) -> str:
     shown = records[name]
-    later = "".join(f"; `{row}`: {stamp}" for row, stamp in shown.get("later", {}).items())  # rows of another version
-    ids = f", with the ids {shown['of_ids']}" if "of_ids" in shown else ""
-    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}{ids}{later}"
+    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}"
 
 
 def _command(name: str, records: Records, words: Sequence[str]) -> str:

@@ -89,13 +89,11 @@ def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
     flags = ["-O1", "-fPIC", "-DNDEBUG", "-w", *(f"-I{folder}" for folder in include)]
     compiler = {".c": ["gcc", "-std=gnu11"], ".cpp": ["g++", "-std=c++17"]}
     sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
+    # Only one extension module is needed: the type support that dispatches to the others.
+    needed = (one for one in sources if "_s.ep." not in one.name or one.name.endswith(".rosidl_typesupport_c.c"))
     return [
-        executor.submit(
-            command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
-        )
-        for source in sources
-        # Only one extension module is needed: the type support that dispatches to the others.
-        if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
+        executor.submit(command, [*compiler[one.suffix], *flags, "-c", one, "-o", one.with_name(f"{one.name}.o")])
+        for one in needed
     ]
 
 
@@ -120,15 +118,6 @@ def link_package(name: str, out: Path) -> None:
         earlier.append(library)
     (module,) = (out / "rosidl_generator_py" / name).glob("*_s.ep.*.o")
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*earlier, "rosidl_typesupport_c", "rmw"))
-
-
-def write_setup(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> None:
-    """Write a folder that pip can install, with packages given as names and build folders."""
-    for name, out in packages:
-        unused = shutil.ignore_patterns("*.c", "*.o")
-        shutil.copytree(out / "rosidl_generator_py" / name, folder / name, ignore=unused)
-        shutil.copytree(out / "lib", folder / "lib", dirs_exist_ok=True)
-    (folder / "setup.py").write_text(SETUP.format(name=NAME, version=version))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -177,7 +166,9 @@ def build(packages: list[Package], folder: Path) -> None:
         for package, out in places.items():
             link_package(package.name, out)
             _try(package, out)
-        write_setup(folder, _version(packages), [(package.name, out) for package, out in places.items()])
+            shutil.copytree(out / "rosidl_generator_py" / package.name, folder / package.name)
+            shutil.copytree(out / "lib", folder / "lib", dirs_exist_ok=True)
+    (folder / "setup.py").write_text(SETUP.format(name=NAME, version=_version(packages)))
 
 
 def _try(package: Package, out: Path) -> None:
@@ -198,14 +189,12 @@ def _installed() -> set[str]:
 
 def _importable(package: Package) -> bool:
     """Return True if all types of a package are installed, False if none; raises ValueError if only some are."""
-
-    def has_type(kind: str, name: str) -> bool:
+    absent = []
+    for kind, name in package.types:
         try:
-            return hasattr(importlib.import_module(f"{package.name}.{kind}"), name)
-        except ImportError:
-            return False
-
-    absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not has_type(kind, name)]
+            getattr(importlib.import_module(f"{package.name}.{kind}"), name)
+        except (ImportError, AttributeError):
+            absent.append(f"{package.name}/{kind}/{name}")
     if absent and len(absent) < len(package.types):
         raise ValueError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
     return not absent
