@@ -32,7 +32,7 @@ from pacman_env.observations.planner_columns import GHOST_TOKENS, CandidateColum
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
-from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, literal, number, save_film, table, update
+from tools.common import ROOT, SUFFIXES, add_check, as_arguments, literal, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS
 from tools.reference import columns_of
@@ -56,16 +56,7 @@ _EVENTS = {  # shorter than the descriptions of other rewards
     "power": "a power pellet, in addition to the pellet",
     "progress": "each metre by which the path to the nearest pellet became shorter",
 }
-_PICTURE = (
-    'A round on the map "house", animated: the robot collects all pellets and avoids the ghost Clyde',
-    "round.webp",
-)
-_PICTURES = {  # the first that fits, else _PICTURE
-    "power": ("Three frightened ghosts, and the eyes of a caught one at its spawn place", "power.png"),
-    "drives": ("One instant: the game, the scan, the grid", "observations.png"),
-    "ghosts": ('Four ghosts on the map "open_plan"', "ghosts.png"),
-    "generated": ("Six generated houses", "houses.png"),
-}
+
 _LOADER, _STRICT = jinja2.FileSystemLoader(Path(__file__).parent), jinja2.StrictUndefined
 _TEMPLATES = jinja2.Environment(loader=_LOADER, undefined=_STRICT, trim_blocks=True, lstrip_blocks=True)
 _TEMPLATES.filters["code"] = "`{}`".format
@@ -119,26 +110,17 @@ def page(env_id: str, env: Any) -> str:
         observed.append([*place, f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values])
         first = end
     drives, info = isinstance(env.action_space, spaces.Box), env.reset(seed=0)[1]
-    fits = {
-        "power": env.config.power.pellets > 0,
-        "drives": drives,
-        "ghosts": len(env.config.clyde.ghosts) > 1,
-        "generated": not isinstance(env.batch.source, FixedMap),
-    }
     base = FLAT_ID if config.flat and not drives else ENV_ID
     variant = env_id != base
     shown_there = _parts(gym.make(base).unwrapped) if variant else {}
-    text, image = next((_PICTURES[kind] for kind, fit in fits.items() if fit), _PICTURE)
     shown = {
         "name": file_name(env_id),
-        "picture_text": text,
-        "picture": f"../../{IMAGES.name}/{image}",
         "plain_id": ENV_ID,
         "base": file_name(base),
         "variant": variant,
         "described": {key: part for key, part in parts.items() if key not in shown_there},
         "drives": drives,
-        "fixed": not fits["generated"],
+        "fixed": isinstance(env.batch.source, FixedMap),
         "highest": _highest(env, info),
         "rewards": list(_rewards(env.config)),
         "settings": list(_settings(env.config)),

@@ -100,8 +100,7 @@ class Recorder(ObserverNode):
     """Node that sends goals one after another and writes what the robot does."""
 
     def __init__(self, namespace: str, places: Places, folder: Path) -> None:
-        clock = [Parameter("use_sim_time", value=True)]
-        super().__init__("nav2_goals", namespace, parameter_overrides=clock)
+        super().__init__("nav2_goals", namespace, parameter_overrides=[Parameter("use_sim_time", value=True)])
         self._places, self.goals = places, dict[int, Goal]()
         self._goals_file = (folder / "goals.csv").open("w", newline="")
         self._samples_file = (folder / "samples.csv").open("w", newline="", buffering=1)

@@ -28,7 +28,6 @@ PREFIX = Path(sys.prefix)
 NAME = "pacman-ros-interfaces"  # of what pip installs
 FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"
-RUNTIME = ("rosidl_runtime_c", "rcutils")
 #: Generators in the order in which their libraries lib<package>__<generator>.so depend on each other, with link inputs.
 GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # libraries of installed packages, other libraries
     "rosidl_generator_c": (("rosidl_generator_c",), ()),
@@ -106,7 +105,7 @@ def link_package(name: str, out: Path) -> None:
     def link(target: Path, objects: list[Path], libraries: Iterable[str], of_others: Iterable[str] = ()) -> None:
         paths_of_others = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
         others = [path for path in paths_of_others if not path.name.startswith(f"lib{name}__")]
-        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, *RUNTIME))]
+        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, "rosidl_runtime_c", "rcutils"))]
         options = [*paths, f"-Wl,-soname,{target.name}", "-Wl,--as-needed", *others, *needed]
         command(["g++", "-shared", "-s", "-o", target, *objects, *options])
 
@@ -154,8 +153,7 @@ def build(packages: list[Package], folder: Path) -> None:
     """Build packages, and write them into ``folder`` so that pip can install it."""
     if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
         raise ValueError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
-    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if not header.is_file():
+    if not (header := Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
         raise ValueError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
