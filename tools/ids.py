@@ -56,7 +56,6 @@ _EVENTS = {  # shorter than the descriptions of other rewards
     "power": "a power pellet, in addition to the pellet",
     "progress": "each metre by which the path to the nearest pellet became shorter",
 }
-
 _LOADER, _STRICT = jinja2.FileSystemLoader(Path(__file__).parent), jinja2.StrictUndefined
 _TEMPLATES = jinja2.Environment(loader=_LOADER, undefined=_STRICT, trim_blocks=True, lstrip_blocks=True)
 _TEMPLATES.filters["code"] = "`{}`".format

@@ -53,8 +53,8 @@ STATUSES = {getattr(GoalStatus, f"STATUS_{name.upper()}"): name for name in ("su
 
 
 @dataclass
-class Goal:
-    """One row of ``goals.csv``: times in s of the simulated clock, poses in m and rad, nan or -1 for nothing."""
+class SentGoal:
+    """Facts of a goal when it is sent: times in s of the simulated clock, poses in m and rad."""
 
     number: int
     trial: int
@@ -74,6 +74,12 @@ class Goal:
     start_v: float
     start_w: float
     sent_s: float
+
+
+@dataclass
+class Goal(SentGoal):
+    """One row of ``goals.csv``: a goal and what came of it, nan or -1 for nothing."""
+
     accepted_s: float = math.nan
     moved_s: float = math.nan  # first motion, if sent at rest
     preempts: int = -1

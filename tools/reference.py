@@ -38,7 +38,6 @@ from tools.common import ROOT, add_check, as_arguments, literal, number, table, 
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
-_KINDS = {bool: "`True` or `False`", int: "whole number"}
 
 
 def _code(value: object) -> str:
@@ -56,7 +55,7 @@ def _values(unit: str, kind: Any) -> str:
         return " or ".join(map(_code, inner))
     if origin is tuple:
         return f"{unit} (low, high)".strip() if len(inner) == 2 else f"{len(inner)} numbers"
-    return unit or _KINDS.get(kind, "")
+    return unit or {bool: "`True` or `False`", int: "whole number"}.get(kind, "")
 
 
 def configuration() -> str:

@@ -69,15 +69,12 @@ def measurements() -> dict[str, Measurement]:
             lambda _: _results("benchmarks.versions", "--seconds 2"),
         ),
     }
-    for env_id in IDS:
-        name = scores.figure_of(env_id)
-        found[name] = Measurement(
-            f"scripts/figures {name}",
-            (*_POLICIES, "environments"),
-            1,
-            lambda _, env_id=env_id: scores.score_id(env_id, 200),  # type: ignore[misc]
-        )
-    return found
+    return found | {scores.figure_of(env_id): _scores(env_id) for env_id in IDS}
+
+
+def _scores(env_id: str) -> Measurement:
+    command = f"scripts/figures {scores.figure_of(env_id)}"
+    return Measurement(command, (*_POLICIES, "environments"), 1, lambda _: scores.score_id(env_id, 200))
 
 
 def _learned(seed: int) -> list[str]:

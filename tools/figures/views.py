@@ -13,7 +13,6 @@ from tools import scores
 
 Record = Mapping[str, Any]  # one measurement in docs/figures.json
 Records = Mapping[str, Record]
-Row = Mapping[str, Any]
 
 BLOCK = re.compile(r"(<!-- figure: (\S+)/([\w-]+)((?: [\w.:-]+)*) -->)(.*?)(<!-- end -->)", re.DOTALL)
 _WIDTH = 150  # of the terminal's table, in characters
@@ -43,7 +42,7 @@ def _command(name: str, records: Records, words: Sequence[str]) -> str:
     return f"`{records[name]['command']}`"
 
 
-def _chosen(rows: Sequence[Row], words: Sequence[str]) -> list[Row]:
+def _chosen(rows: Sequence[Record], words: Sequence[str]) -> list[Record]:
     """Return the rows of a policy, a map or a speed that ``words`` name, in any order."""
     for word in words:
         rows = [row for row in rows if word in (row["policy"], row["map"], f"{row['clyde_speed']:.2f}")]
