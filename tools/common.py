@@ -24,8 +24,12 @@ def number(value: Any) -> str:
     return f"{round(float(value), 3):,g}" if abs(value) < 1e6 else f"{value:.0e}"
 
 
+def literal(value: Any) -> str:
+    return repr(value).replace("'", '"')
+
+
 def as_arguments(kwargs: dict[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}".replace("'", '"') for name, value in kwargs.items())
+    return ", ".join(f"{name}={literal(value)}" for name, value in kwargs.items())
 
 
 def update(path: Path, text: str, check: bool, complaint: str) -> int:
@@ -39,17 +43,6 @@ def update(path: Path, text: str, check: bool, complaint: str) -> int:
     return 0
 
 
-def names(what: str, known: Collection[str]) -> tuple[str, dict[str, Any]]:
-    """Return the positional argument ``names`` for argparse: some of ``known``, or all if none is given."""
-
-    def name(given: str) -> str:
-        if given not in known:
-            raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
-        return given
-
-    return "names", {"nargs": "*", "type": name, "metavar": "NAME", "help": f"which: {', '.join(known)} (all)"}
-
-
 def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) -> None:
     """Write RGB frames as an animated WebP without loss."""
     from PIL import Image
@@ -61,8 +54,14 @@ def save_film(frames: Sequence[Any], path: Path, frame_ms: int, last_ms: int) ->
 
 
 def add_names(parser: Parser, what: str, known: Collection[str]) -> None:
-    flag, keywords = names(what, known)
-    parser.add_argument(flag, **keywords)
+    """Add the positional argument ``names``: some of ``known``, or all if none is given."""
+
+    def name(given: str) -> str:
+        if given not in known:
+            raise argparse.ArgumentTypeError(f"no {what} {given!r}: choose from {', '.join(known)}")
+        return given
+
+    parser.add_argument("names", nargs="*", type=name, metavar="NAME", help=f"which: {', '.join(known)} (all)")
 
 
 def add_check(parser: Parser) -> None:

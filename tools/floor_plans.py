@@ -21,18 +21,18 @@ _MARGIN_PX = 14  # unknown border on the right and below; on the other sides the
 _LIDAR_RANGE_M = 12.0  # RPLIDAR A1
 _RAYS = 900  # per stop, which is several turns of the lidar
 _STOP_CLEARANCE_PX = 6.1  # the robot stops at least 0.3 m from anything
+Point = tuple[float, float]  # x, y, m
+Box = tuple[float, float, float, float]  # x0, y0, x1, y1, m
 
 
 class Sketch:
     """A building in its own frame (m, x right, y up), which is solid until rooms are carved out.
 
     ``home`` becomes the origin of the map frame, turned by ``turn_deg``, because SLAM maps are seldom parallel to the
-    walls. ``pad_px`` are unknown columns left of the building and unknown rows above it. Boxes are (x0, y0, x1, y1).
+    walls. ``pad_px`` are unknown columns left of the building and unknown rows above it.
     """
 
-    def __init__(
-        self, size: tuple[float, float], home: tuple[float, float], turn_deg: float, pad_px: tuple[int, int]
-    ) -> None:
+    def __init__(self, size: Point, home: Point, turn_deg: float, pad_px: tuple[int, int]) -> None:
         self.home = home
         self._cos, self._sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
         corners = [self.to_map(x, y) for x in (0.0, size[0]) for y in (0.0, size[1])]
@@ -47,18 +47,18 @@ class Sketch:
         self.y = home[1] - self._sin * map_x + self._cos * map_y
         self.solid = np.ones(self.x.shape, dtype=np.bool_)
 
-    def to_map(self, x: float, y: float) -> tuple[float, float]:
+    def to_map(self, x: float, y: float) -> Point:
         dx, dy = x - self.home[0], y - self.home[1]
         return self._cos * dx - self._sin * dy, self._sin * dx + self._cos * dy
 
     def _box(self, x0: float, y0: float, x1: float, y1: float) -> NDArray[np.bool_]:
         return (self.x > x0) & (self.x < x1) & (self.y > y0) & (self.y < y1)
 
-    def carve(self, *boxes: tuple[float, float, float, float]) -> None:
+    def carve(self, *boxes: Box) -> None:
         for box in boxes:
             self.solid &= ~self._box(*box)
 
-    def block(self, *boxes: tuple[float, float, float, float]) -> None:
+    def block(self, *boxes: Box) -> None:
         for box in boxes:
             self.solid |= self._box(*box)
 
@@ -156,9 +156,7 @@ def house() -> OccupancyMap:
     s.carve((0.0, 0.0, 5.2, 4.1), (0.0, 5.7, 4.3, 9.2), (4.45, 5.7, 8.0, 9.2))  # living room, kitchen, dining room
     s.carve((5.35, 0.0, 8.4, 4.1), (8.55, 1.5, 11.2, 4.1), (8.15, 5.7, 11.2, 8.9))  # study, laundry, bedroom
     s.carve((1.7, 4.0, 3.3, 4.3), (0.7, 5.5, 1.85, 5.75), (3.0, 5.5, 4.2, 5.75))  # hall - living room, kitchen twice
-    s.carve(
-        (6.2, 5.5, 7.35, 5.75), (6.3, 4.05, 7.45, 4.3), (9.4, 4.05, 10.6, 4.3)
-    )  # hall - dining room, study, laundry
+    s.carve((6.2, 5.5, 7.35, 5.75), (6.3, 4.05, 7.45, 4.3), (9.4, 4.05, 10.6, 4.3))  # to dining room, study, laundry
     s.carve((9.0, 5.5, 10.15, 5.75), (4.25, 6.0, 4.5, 7.1))  # hall - bedroom, kitchen - dining room
     s.carve((5.15, 1.3, 5.4, 2.5), (8.35, 2.4, 8.6, 3.6))  # study - living room, laundry
     s.block((0.3, 0.25, 2.7, 1.1), (0.3, 1.1, 1.1, 2.0))  # sofa, a hand's breadth off the walls
@@ -266,11 +264,7 @@ def save_all(folder: Path) -> None:
         draw().save(folder / f"{name}.yaml", image=f"{name}.pgm")
 
 
-def main() -> None:
+if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draw the project's own maps.")
     parser.add_argument("folder", type=Path, help="where the YAML and PGM files go")
     save_all(parser.parse_args().folder)
-
-
-if __name__ == "__main__":
-    main()

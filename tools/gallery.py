@@ -128,10 +128,9 @@ def draw_power(theme: Theme) -> Image:
 
 
 def draw_maps(theme: Theme) -> Image:
-    names = shipped_maps()
-    tiles = [map_assets(name, make_config()) for name in names]
-    captions = [f"{name}: {assets.pellets} pellets" for name, assets in zip(names, tiles, strict=True)]
-    return sheet(theme, [tile(theme, assets, 30.0) for assets in tiles], 2, captions)
+    drawn = {name: map_assets(name, make_config()) for name in shipped_maps()}
+    captions = [f"{name}: {assets.pellets} pellets" for name, assets in drawn.items()]
+    return sheet(theme, [tile(theme, assets, 30.0) for assets in drawn.values()], 2, captions)
 
 
 def draw_reading(theme: Theme) -> Image:
@@ -158,9 +157,8 @@ def draw_observations(theme: Theme) -> Image:
     stepped = env.step(int(env.batch.hold))[0]
     frame = render_frame(env.batch, 0, height=420, theme=theme)
     pictures = frame, _scan_picture(theme, env, stepped["scan"], len(frame)), _grid_picture(theme, stepped["grid"])
-    return sheet(
-        theme, pictures, 3, ("the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot")
-    )
+    captions = "the game", "scan: 360 ranges, heading up", "grid: walls, pellets, ghosts, robot"
+    return sheet(theme, pictures, 3, captions)
 
 
 def _scan_picture(theme: Theme, env: PacManBotEnv, ranges: NDArray[np.float32], size: int) -> Image:
@@ -194,20 +192,15 @@ def _grid_picture(theme: Theme, grid: NDArray[np.uint8], times: int = 6) -> Imag
 
 #: Functions that draw the pictures, by file name in docs/images.
 PICTURES: dict[str, Callable[[Theme], Image]] = {
-    draw.__name__.removeprefix("draw_"): draw
-    for draw in (
-        draw_replay,
-        draw_story,
-        draw_ghosts,
-        draw_power,
-        draw_observations,
-        draw_maps,
-        draw_reading,
-        draw_houses,
-    )
+    "replay": draw_replay,
+    "story": draw_story,
+    "ghosts": draw_ghosts,
+    "power": draw_power,
+    "observations": draw_observations,
+    "maps": draw_maps,
+    "reading": draw_reading,
+    "houses": draw_houses,
 }
-
-
 NAMES = (*PICTURES, "round", "round-dark", "learning")
 
 

@@ -26,12 +26,13 @@ from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.envs.registration import ENV_ID, FLAT_ID, IDS
 from pacman_env.game.behaviour_belief import BELIEVED, OTHER
 from pacman_env.levels.level_source import FixedMap
+from pacman_env.observations.kinds import ObservationPart
 from pacman_env.observations.observer import Observer
 from pacman_env.observations.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
 from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
-from tools.common import IMAGES, ROOT, SUFFIXES, add_check, as_arguments, number, save_film, table, update
+from tools.common import ROOT, SUFFIXES, add_check, as_arguments, literal, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS
 from tools.reference import columns_of
@@ -55,23 +56,8 @@ _EVENTS = {  # shorter than the descriptions of other rewards
     "power": "a power pellet, in addition to the pellet",
     "progress": "each metre by which the path to the nearest pellet became shorter",
 }
-_PICTURES = {  # the first that fits
-    "power": ("Three frightened ghosts, and the eyes of a caught one at its spawn place", "power.png"),
-    "drives": ("One instant: the game, the scan, the grid", "observations.png"),
-    "ghosts": ('Four ghosts on the map "open_plan"', "ghosts.png"),
-    "generated": ("Six generated houses", "houses.png"),
-    "": (
-        'A round on the map "house", animated: the robot collects all pellets and avoids the ghost Clyde',
-        "round.webp",
-    ),
-}
-
-_TEMPLATES = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent),
-    trim_blocks=True,
-    lstrip_blocks=True,
-    undefined=jinja2.StrictUndefined,
-)
+_LOADER, _STRICT = jinja2.FileSystemLoader(Path(__file__).parent), jinja2.StrictUndefined
+_TEMPLATES = jinja2.Environment(loader=_LOADER, undefined=_STRICT, trim_blocks=True, lstrip_blocks=True)
 _TEMPLATES.filters["code"] = "`{}`".format
 
 
@@ -114,8 +100,7 @@ def page(env_id: str, env: Any) -> str:
     """Return the page of an id; ``env`` is an environment of this id."""
     records = store.read()
     config, entry, scores = env.config.observation, IDS[env_id], read(records)
-    parts = Observer(env.batch, dataclasses.replace(config, flat=False)).parts
-    observed, first = [], 0
+    parts, observed, first = _parts(env), list[list[str]](), 0
     for key, part in parts.items():
         low, high = np.unique(part.low), np.unique(part.high)
         values = f"{number(low[0])} to {number(high[0])}" if len(low) == len(high) == 1 else "see below"
@@ -123,33 +108,22 @@ def page(env_id: str, env: Any) -> str:
         place = [span(first, end)] if config.flat else []
         observed.append([*place, f"`{key}`", f"{part.shape}", np.dtype(part.dtype).name, values])
         first = end
-    drives, first = isinstance(env.action_space, spaces.Box), env.reset(seed=0)[1]
-    fits = {
-        "power": env.config.power.pellets > 0,
-        "drives": drives,
-        "ghosts": len(env.config.clyde.ghosts) > 1,
-        "generated": not isinstance(env.batch.source, FixedMap),
-        "": True,
-    }
+    drives, info = isinstance(env.action_space, spaces.Box), env.reset(seed=0)[1]
     base = FLAT_ID if config.flat and not drives else ENV_ID
     variant = env_id != base
-    known: Any = gym.make(base).unwrapped
-    shown_there = Observer(known.batch, dataclasses.replace(known.config.observation, flat=False)).parts
-    text, image = next(_PICTURES[kind] for kind, fit in fits.items() if fit)
+    shown_there = _parts(gym.make(base).unwrapped) if variant else {}
     shown = {
         "name": file_name(env_id),
-        "picture_text": text,
-        "picture": f"../../{IMAGES.name}/{image}",
         "plain_id": ENV_ID,
         "base": file_name(base),
         "variant": variant,
-        "described": {key: part for key, part in parts.items() if not variant or key not in shown_there},
+        "described": {key: part for key, part in parts.items() if key not in shown_there},
         "drives": drives,
-        "fixed": not fits["generated"],
-        "highest": _highest(env, first),
+        "fixed": isinstance(env.batch.source, FixedMap),
+        "highest": _highest(env, info),
         "rewards": list(_rewards(env.config)),
         "settings": list(_settings(env.config)),
-        "first_info": "".join(f'    "{key}": {_literal(value)},\n' for key, value in first.items()),
+        "first_info": "".join(f'    "{key}": {literal(value)},\n' for key, value in info.items()),
         "figure": figure_of(env_id),
         "stamp": VIEWS["stamp"](figure_of(env_id), records, ()),
         "scores": scores_of(env_id, scores),
@@ -161,6 +135,10 @@ def page(env_id: str, env: Any) -> str:
     }
     shown |= {"env_id": env_id, "env": env, "entry": entry, "config": config, "parts": parts, "observed": observed}
     return _TEMPLATES.get_template("ids.md.j2").render(shown).rstrip() + "\n"
+
+
+def _parts(env: Any) -> dict[str, ObservationPart]:
+    return Observer(env.batch, dataclasses.replace(env.config.observation, flat=False)).parts
 
 
 def _highest(env: Any, first: dict[str, Any]) -> str:
@@ -186,11 +164,7 @@ def _settings(config: Config) -> Iterator[tuple[str, str, str]]:
     for name in _SETTINGS:
         group, _, leaf = name.rpartition(".")
         owner = operator.attrgetter(group)(config) if group else config
-        yield name, _literal(getattr(owner, leaf)), description_of(owner, leaf)
-
-
-def _literal(value: Any) -> str:
-    return repr(value).replace("'", '"')
+        yield name, literal(getattr(owner, leaf)), description_of(owner, leaf)
 
 
 def _columns(kind: type[IntEnum], first: int = 0, prefix: str = "") -> list[list[str]]:
@@ -255,14 +229,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _write(arguments: argparse.Namespace) -> int:
-    PAGES.mkdir(exist_ok=True)
-    status = 0
-    for env_id in IDS:
-        text = page(env_id, gym.make(env_id).unwrapped)
-        status |= update(
-            PAGES / f"{file_name(env_id)}.md", text, arguments.check, "is out of date: python -m tools.ids"
-        )
-    return status
+    pages = {PAGES / f"{file_name(env_id)}.md": page(env_id, gym.make(env_id).unwrapped) for env_id in IDS}
+    complaint = "is out of date: python -m tools.ids"
+    return max(update(file, text, arguments.check, complaint) for file, text in pages.items())
 
 
 if __name__ == "__main__":

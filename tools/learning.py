@@ -23,9 +23,8 @@ def draw(record: Mapping[str, Any]) -> str:
             shapes.append(_text(_x(share), y - 12, f"{policy} {share}", f"quiet{side}"))
         for seed, lines in seeds.items():
             (_, before, *_), (_, after, low, high, *_) = (line for line in lines if line[0] == name)
-            shapes.append(
-                f'<path d="M{_x(before)} {y + 6}H{_x(after)}"/><circle cx="{_x(before)}" cy="{y + 6}" r="5"/>'
-            )
+            rise = f'<path d="M{_x(before)} {y + 6}H{_x(after)}"/>'
+            shapes.append(f'{rise}<circle cx="{_x(before)}" cy="{y + 6}" r="5"/>')
             shapes.append(f'<path class="after" d="M{_x(low)} {y + 6}H{_x(high)}"/>')
             shapes.append(f'<circle class="after" cx="{_x(after)}" cy="{y + 6}" r="5"/>')
             shapes.append(_text(64, y + 11, seed.strip("-"), "quiet end") + _text(_x(high) + 8, y + 11, after, "bold"))

@@ -92,18 +92,13 @@ class _Tests(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        self._play(max(self._baseline.every, 1))
+        if self.num_timesteps - self._tested >= max(self._baseline.every, 1):
+            self._on_training_end()
 
     def _on_training_end(self) -> None:
-        self._play(1)
-
-    def _play(self, least: int) -> None:
-        """Play the test rounds, always the same, with the best actions, if the learner made enough decisions."""
-        if self.num_timesteps - self._tested < least:
-            return
+        """Play the test rounds, always the same, with the best actions."""
         self._tested, self.won = self.num_timesteps, {}
-        normalizer = self.model.get_vec_normalize_env()
-        if normalizer is not None and isinstance(self._test, VecNormalize):
+        if isinstance(self._test, VecNormalize) and (normalizer := self.model.get_vec_normalize_env()):
             self._test.obs_rms = normalizer.obs_rms
         self._test.seed(_TEST_SEED)
         evaluate = _LEARNERS[self._baseline.learner][1]
@@ -128,8 +123,8 @@ def curve(task: tuple[str, Baseline, int, int]) -> Curve:
     arguments = EnvArguments(map=baseline.test, preset=baseline.environment.get("preset", "robot"))
     config, _ = arguments.make_config()
     seeds, source = np.array([*tests.won], dtype=np.uint64), arguments.make_source(config)
-    ends = {rule: play(source, config, rule, seeds)[0]["end"] for rule in ("nearest", "random_pellet")}
-    references = {rule: completed(end == COMPLETE) for rule, end in ends.items()}
+    rules = "nearest", "random_pellet"
+    references = {rule: completed(play(source, config, rule, seeds)[0]["end"] == COMPLETE) for rule in rules}
     return {"name": name, "seed": seed, "points": tests.points, "references": references}
 
 
@@ -179,9 +174,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
     add("--rounds", type=whole_number(1), default=100, metavar="N", help="for each point of a curve (100)")
     add("--workers", type=whole_number(1), default=1, metavar="N", help="processes, each with a learner (1)")
-    add(
-        "--out", type=Path, default=Path("results/learning_curves"), help="name of the .json and the .png (%(default)s)"
-    )
+    out = Path("results/learning_curves")
+    add("--out", type=Path, default=out, help="name of the .json and the .png (%(default)s)")
     add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds of a minute")
     return run_command(parser, argv, _report, "train")
 

@@ -28,7 +28,7 @@ from rclpy.parameter import Parameter
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import avoid_shared_memory, provide_log_folder, stay_on_this_machine
+from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import SIMULATOR, GameSetup, full_namespace
 from pacman_env.ros.message_conversion import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
@@ -49,11 +49,7 @@ REST_S = 0.3
 REST_MPS, REST_RADPS = 0.01, 0.02  # a slower robot stands
 MOVES_MPS, MOVES_RADPS = 0.02, 0.05
 READY_S = 90.0  # of wall time, until Nav2 accepts goals
-STATUSES = {
-    GoalStatus.STATUS_SUCCEEDED: "succeeded",
-    GoalStatus.STATUS_CANCELED: "canceled",
-    GoalStatus.STATUS_ABORTED: "aborted",
-}
+STATUSES = {getattr(GoalStatus, f"STATUS_{name.upper()}"): name for name in ("succeeded", "canceled", "aborted")}
 
 
 @dataclass
@@ -110,8 +106,7 @@ class Recorder(ObserverNode):
     """Node that sends goals one after another and writes what the robot does."""
 
     def __init__(self, namespace: str, places: Places, folder: Path) -> None:
-        clock = [Parameter("use_sim_time", value=True)]
-        super().__init__("nav2_goals", namespace, parameter_overrides=clock)
+        super().__init__("nav2_goals", namespace, parameter_overrides=[Parameter("use_sim_time", value=True)])
         self._places, self.goals = places, dict[int, Goal]()
         self._goals_file = (folder / "goals.csv").open("w", newline="")
         self._samples_file = (folder / "samples.csv").open("w", newline="", buffering=1)
@@ -136,8 +131,6 @@ class Recorder(ObserverNode):
     def now_s(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9
 
-    # Messages
-
     def _on_origin(self, message: Any) -> None:
         self._origin = pose_of(message)
 
@@ -154,19 +147,15 @@ class Recorder(ObserverNode):
         self._driven_m += abs(self._v) * min(max(now_s - last_s, 0.0), 1.0)
         if abs(self._v) > REST_MPS or abs(self._w) > REST_RADPS:
             self._moved_s = now_s
-        goal = self._goal
-        moves = abs(self._v) > MOVES_MPS or abs(self._w) > MOVES_RADPS
+        goal, moves = self._goal, abs(self._v) > MOVES_MPS or abs(self._w) > MOVES_RADPS
         if moves and goal and goal.from_rest and math.isnan(goal.moved_s) and now_s > goal.sent_s:
             goal.moved_s = now_s
         if now_s - self._sampled_s >= SAMPLE_S - 1e-3:
             self._sampled_s = now_s
-            ghost = self._ghost or (math.nan, math.nan)
-            row = (now_s, *self.pose, self._v, self._w)
-            number = goal.number if goal else -1
-            self._samples_out.writerow(
-                [f"{value:.4g}" if k > 3 else f"{value:.3f}" for k, value in enumerate(row)]
-                + [number, *(f"{value:.2f}" for value in ghost)]
-            )
+            where = [f"{value:.3f}" for value in (now_s, *self.pose)]
+            speeds = [f"{value:.4g}" for value in (self._v, self._w)]
+            ghost = [f"{value:.2f}" for value in self._ghost or (math.nan, math.nan)]
+            self._samples_out.writerow([*where, *speeds, goal.number if goal else -1, *ghost])
 
     def _show_ghost(self) -> None:
         ghost = None
@@ -182,8 +171,6 @@ class Recorder(ObserverNode):
         self._cloud.publish(cloud_message(points, stamp, GHOST_Z_M))
         trail = self._trail.points([ghost] if ghost else [], self.now_s())
         self._trail_out.publish(cloud_message(trail, stamp, GHOST_Z_M))
-
-    # Goals
 
     def _on_accepted(self, number: int) -> None:
         self.goals[number].accepted_s = self.now_s()
@@ -242,8 +229,7 @@ class Recorder(ObserverNode):
         yaw = math.atan2(*(route.xy[-1] - route.xy[max(len(route.xy) - 5, 0)])[::-1])
         measures = route.length_m, route.bearing, route.goal_clearance_m, route.clearance_m
         start = (*self.pose, self._v, self._w, self.now_s())
-        at_rest = self._stands()
-        goal = Goal(len(self.goals), trial, leg.kind, drawn.ghost, at_rest, x, y, yaw, *measures, *start)
+        goal = Goal(len(self.goals), trial, leg.kind, drawn.ghost, self._stands(), x, y, yaw, *measures, *start)
         goal.driven_m = self._driven_m
         if before is not None and not before.status:
             goal.preempts, before.preempted_by = before.number, goal.number
@@ -257,10 +243,11 @@ class Recorder(ObserverNode):
         super().close()
 
 
-def record(arguments: argparse.Namespace) -> int:
-    stay_on_this_machine()
-    avoid_shared_memory()
-    provide_log_folder()
+def record(arguments: argparse.Namespace) -> None:
+    from pyarrow import csv as arrow  # now, because its absence would be noticed after the recording
+    from pyarrow import parquet
+
+    join(None, this_machine=True)
     folder: Path = arguments.out
     folder.mkdir(parents=True, exist_ok=True)
     setup = GameSetup(map=arguments.map, sim=True, nav2=arguments.nav2, settings=tuple(arguments.set))
@@ -299,39 +286,33 @@ def record(arguments: argparse.Namespace) -> int:
             child.send_signal(signal.SIGTERM)
             child.wait(20)
         node.close()
+        parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
+        (folder / "samples.csv").unlink()
+        goals = node.goals.values()
         card["minutes"] = round((time.monotonic() - start) / 60, 1)
-        finish(folder, card, list(node.goals.values()), logs)
-    return 0
+        if (nav2_log := logs / "nav2.log").is_file():
+            card["controller_cycles_late"] = nav2_log.read_bytes().count(b"Control loop missed")
+        card["active_s"] = round(sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0))
+        card["goals"] = dict(Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals))
+        (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
 
 
-def finish(folder: Path, card: dict[str, Any], goals: Sequence[Goal], logs: Path) -> None:
-    """Write the card, and the samples as Parquet."""
-    from pyarrow import csv as arrow
-    from pyarrow import parquet
-
-    parquet.write_table(arrow.read_csv(folder / "samples.csv"), folder / "samples.parquet", compression="zstd")
-    (folder / "samples.csv").unlink()
-    if (log := logs / "nav2.log").is_file():
-        card["controller_cycles_late"] = sum("Control loop missed" in line for line in log.open(errors="replace"))
-    card["active_s"] = round(sum(goal.ended_s - goal.sent_s for goal in goals if goal.ended_s > 0))
-    card["goals"] = dict(Counter(f"{goal.kind} {goal.status or 'lost'}" for goal in goals))
-    (folder / "card.yaml").write_text(yaml.safe_dump(card, sort_keys=False))
+def make_parser(module: str, description: str | None, out: str) -> Parser:
+    """Return a parser of the options that recordings of a navigator share; ``out`` is what they write."""
+    parser = Parser(prog=f"python -m tools.{module}", description=description)
+    parser.add_argument("map")
+    parser.add_argument("--out", type=Path, required=True, metavar=out)
+    parser.add_argument("--nav2", default="", metavar="COMMAND", help="a real Nav2; else the simulated one drives")
+    parser.add_argument("--navigator", default="", metavar="TEXT", help="its name and version, for what is written")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="tools.nav2_goals", description=__doc__)
-    parser.add_argument("map")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    parser.add_argument(
-        "--nav2", default="", metavar="COMMAND", help="a real Nav2; without it the simulated one drives"
-    )
-    parser.add_argument(
-        "--navigator", default="", metavar="TEXT", help="name and version of the navigator, for the card"
-    )
+    parser = make_parser("nav2_goals", __doc__, "FOLDER")
     parser.add_argument("--trials", type=whole_number(1), default=100, help="a trial has one to three goals (100)")
     parser.add_argument("--minutes", type=float, default=30.0, help="begin no trial after this time (30)")
     parser.add_argument("--seed", type=whole_number(0), default=0)
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
     with StopSignals(breaks_off=True):
         return run_command(parser, argv, record, "ros")
 

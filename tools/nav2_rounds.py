@@ -21,13 +21,14 @@ from typing import Any
 from rclpy.parameter import Parameter
 
 from pacman_env import __version__
-from pacman_env.command_line.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import run_command, whole_number
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import join, provide_log_folder
+from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import NAMESPACE, full_namespace
 from pacman_env.ros.message_conversion import pose_of, seconds_of
 from pacman_env.ros.node import ObserverNode, StopSignals
 from pacman_env.world.maps.occupancy import map_name
+from tools.nav2_goals import make_parser
 
 BUMP = 1  # irobot_create_msgs/HazardDetection.BUMP
 TRUE_POSES = 200  # newest true poses that AMCL poses are compared with; 50 arrive per second
@@ -62,8 +63,8 @@ class Round:
 class RoundRecorder(ObserverNode):
     """Node that listens to a game and keeps a row for each round."""
 
-    def __init__(self, namespace: str, card: Round, domain: int | None) -> None:
-        super().__init__("nav2_rounds", namespace, domain, parameter_overrides=[Parameter("use_sim_time", value=True)])
+    def __init__(self, namespace: str, card: Round) -> None:
+        super().__init__("nav2_rounds", namespace, parameter_overrides=[Parameter("use_sim_time", value=True)])
         self._card, self.ended = card, list[Round]()
         self._round: Round | None = None
         self._begun_s, self._sent, self._aborted = 0.0, (0, 0), (0, 0)  # at the start of the round, and now
@@ -132,21 +133,18 @@ class RoundRecorder(ObserverNode):
         self._bumped = bumped
 
 
-def record(arguments: argparse.Namespace) -> int:
-    join(arguments.domain_id, this_machine=True)
-    provide_log_folder()
+def record(arguments: argparse.Namespace) -> None:
+    join(None, this_machine=True)
     file: Path = arguments.out
     words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--rounds", str(arguments.rounds)]
     words += ["--composed", "--logs", str(file.with_suffix(".logs"))]
     words += ["--nav2", arguments.nav2] if arguments.nav2 else []
-    words += ["--domain-id", str(arguments.domain_id)] if arguments.domain_id else []
     for setting in ("clyde.speed_step_mps=0.0", f"clyde.speed_mps={arguments.clyde_speed}", *arguments.set):
         words += ["--set", setting]
     file.parent.mkdir(parents=True, exist_ok=True)
     navigator = arguments.navigator or ("Nav2" if arguments.nav2 else "simulated Nav2")
-    place = map_name(Path(arguments.map))
-    card = Round(__version__, navigator, place, arguments.policy, arguments.clyde_speed)
-    node = RoundRecorder(full_namespace(NAMESPACE), card, arguments.domain_id)
+    card = Round(__version__, navigator, map_name(Path(arguments.map)), arguments.policy, arguments.clyde_speed)
+    node = RoundRecorder(full_namespace(NAMESPACE), card)
     begins, nav2_log, late = not file.exists(), file.with_suffix(".logs") / "nav2.log", 0
     game = subprocess.Popen([sys.executable, "-m", "pacman_env.cli.main", "ros", "up", *words])
     try:
@@ -169,20 +167,13 @@ def record(arguments: argparse.Namespace) -> int:
         game.send_signal(signal.SIGINT)
         game.wait(60)
         node.close()
-    return 0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="tools.nav2_rounds", description=__doc__)
-    parser.add_argument("map")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE")
+    parser = make_parser("nav2_rounds", __doc__, "FILE")
     parser.add_argument("--policy", default="ppo")
     parser.add_argument("--clyde-speed", type=float, default=0.25, help="m/s (0.25)")
     parser.add_argument("--rounds", type=whole_number(1), default=20, help="(20)")
-    parser.add_argument("--nav2", default="", metavar="COMMAND", help="a real Nav2")
-    parser.add_argument("--navigator", default="", metavar="TEXT", help="its name and version, for the rows")
-    parser.add_argument("--domain-id", type=whole_number(0), default=None)
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="of the configuration")
     with StopSignals(breaks_off=True):
         return run_command(parser, argv, record, "ros")
 

@@ -70,8 +70,7 @@ class Route:
 
 def _balanced(rng: np.random.Generator, values: Sequence[T], count: int) -> list[T]:
     """Return ``count`` values in random order, each equally often; values may repeat."""
-    chosen = [values[k % len(values)] for k in range(count)]
-    return [chosen[k] for k in rng.permutation(count)]
+    return [values[k % len(values)] for k in rng.permutation(count)]
 
 
 def draw_trials(rng: np.random.Generator, count: int) -> list[Trial]:
@@ -156,7 +155,6 @@ class Places:
             cells = next((c for far_m in _ON_PATH_M if len(c := np.flatnonzero(allowed & (to_path <= far_m)))), cells)
         if len(cells) == 0:
             return np.zeros((0, 2))
-        cell = int(self._rng.choice(cells))
-        to_robot = self._rng.random() < 0.5
+        cell, to_robot = int(self._rng.choice(cells)), self._rng.random() < 0.5
         goal = self._cell(*route.xy[0]) if to_robot else int(self._rng.integers(len(self._xy)))
         return self._xy[self._trace(cell, goal) if ghost == "walking" else [cell]]

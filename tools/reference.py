@@ -12,7 +12,7 @@ import operator
 import re
 import sys
 import typing
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from pacman_env import config
 from pacman_env.cli import main as cli
 from pacman_env.command_line.command import Parser, run_command
 from pacman_env.command_line.options import help_texts
-from pacman_env.config import Config, make_config
+from pacman_env.config import Config, located, make_config
 from pacman_env.config.described import description_of, unit_of
 from pacman_env.config.validation import kinds
 from pacman_env.envs.pettingzoo_env import PacManBotParallelEnv
@@ -34,15 +34,14 @@ from pacman_env.observations.kinds import BUILT_IN_KINDS, ObservationPart
 from pacman_env.training.arguments import Hyperparameters
 from pacman_env.web.frame import Frame, OptionalFields
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools.common import ROOT, add_check, as_arguments, number, table, update
+from tools.common import ROOT, add_check, as_arguments, literal, number, table, update
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
-_KINDS = {bool: "`True` or `False`", int: "whole number"}
 
 
 def _code(value: object) -> str:
-    return f"`{value!r}`".replace("'", '"')
+    return f"`{literal(value)}`"
 
 
 def _values(unit: str, kind: Any) -> str:
@@ -56,17 +55,13 @@ def _values(unit: str, kind: Any) -> str:
         return " or ".join(map(_code, inner))
     if origin is tuple:
         return f"{unit} (low, high)".strip() if len(inner) == 2 else f"{len(inner)} numbers"
-    return unit or _KINDS.get(kind, "")
+    return unit or {bool: "`True` or `False`", int: "whole number"}.get(kind, "")
 
 
 def configuration() -> str:
     default = Config()
     flee = [name for name, entry in BEHAVIOURS.items() if entry.target is not None]
-    named: dict[str, Iterable[str]] = {
-        "clyde.ghosts": BEHAVIOURS,
-        "observation.kinds": BUILT_IN_KINDS,
-        "power.behaviour": flee,
-    }
+    named: dict[str, Any] = {"clyde.ghosts": BEHAVIOURS, "observation.kinds": BUILT_IN_KINDS, "power.behaviour": flee}
 
     def rows(owner: Any, prefix: str) -> Iterator[list[str]]:
         types = kinds(type(owner))
@@ -103,10 +98,9 @@ def presets() -> str:
 def columns_of(key: str, part: ObservationPart) -> str:
     """Return the section about one key of the observation."""
     low, high = (np.broadcast_to(bound, part.shape).reshape(-1, part.shape[-1])[0] for bound in (part.low, part.high))
-    rows = [
-        [str(k), f"`{name}`", number(low[k]), number(high[k]), meaning or "no unit"]
-        for k, (name, _, _, meaning) in enumerate(part.columns)
-    ]
+    rows = []
+    for k, (name, _, _, meaning) in enumerate(part.columns):
+        rows.append([str(k), f"`{name}`", number(low[k]), number(high[k]), meaning or "no unit"])
     return f"\n### `{key}`\n\n" + table(("Column", "Name", "Low", "High", "Unit, meaning"), rows)
 
 
@@ -123,23 +117,22 @@ def state() -> str:
 def ids() -> str:
     rows = []
     for name, entry in IDS.items():
-        agents = 0 if entry.several is None else 1 + len(entry.several.get("ghosts", ("policy",)))
-        page = f"[`{name.removeprefix('pacman_env/')}`](ids/{name.removeprefix('pacman_env/')}.md)"
-        rows.append([page, entry.purpose, f"{agents} agents" if agents else "-"])
+        short = name.removeprefix("pacman_env/")
+        agents = "-" if entry.several is None else f"{1 + len(entry.several.get('ghosts', ('policy',)))} agents"
+        rows.append([f"[`{short}`](ids/{short}.md)", entry.purpose, agents])
     return table(("Id, after `pacman_env/`", "What it is", "PettingZoo"), rows)
 
 
 def ids_arguments() -> str:
-    variants = {name.removeprefix("pacman_env/"): entry.kwargs for name, entry in IDS.items() if entry.kwargs}
-    rows = ([f"`{name}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants.items())
+    variants = ((name.removeprefix("pacman_env/"), entry.kwargs) for name, entry in IDS.items() if entry.kwargs)
+    rows = ([f"`{name}`", f"`{as_arguments(kwargs)}`"] for name, kwargs in variants)
     return table(("Id", "Arguments of `PacManBot-v2`"), rows)
 
 
 def maps() -> str:
     rows = []
     for name in shipped_maps():
-        assets = map_assets(name, make_config())
-        occupancy = assets.occupancy
+        occupancy = (assets := map_assets(name, make_config())).occupancy
         free = occupancy.game_free().sum() * occupancy.resolution**2
         counts = map(str, (assets.pellets, assets.refuges, assets.pellets + assets.refuges + 1))
         rows.append([f"`{name}`", f"{occupancy.width} x {occupancy.height} px", f"{free:.0f}", *counts])
@@ -172,8 +165,8 @@ def frame() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check, frame)
-} | {"hyperparameters": hyperparameters}
+    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check, frame, hyperparameters)
+}
 
 
 def fill(page: str) -> str:
@@ -195,10 +188,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _fill_pages(arguments: argparse.Namespace) -> int:
     status = 0
     for path in arguments.pages or sorted((ROOT / "docs").rglob("*.md")):
-        try:
+        with located(path, ValueError):
             filled = fill(path.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
         status |= update(path, filled, arguments.check, "has other tables than the code: run scripts/reference")
     return status
 

@@ -1,8 +1,4 @@
-"""Set the version of a release: ``python -m tools.release 0.24.0``.
-
-The version is in ``pacman_env/_version.py``. This command writes it there, and with today's date into the files where
-other programs look for it.
-"""
+"""Write the version of a release and today's date into all files: ``python -m tools.release 0.24.0``."""
 
 import datetime
 import re

@@ -32,7 +32,6 @@ are relative, so that the robot's namespace applies (`/robot_15/game_state`); pa
 """
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # types of ROS itself
-_PART_OF_ACTION = "/_action/"
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
 _End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "action"
 
@@ -46,8 +45,7 @@ class Described:
 
 def describe(name: str) -> Described:
     """Create a node and describe it; rclpy must be initialised, with ``map_yaml`` among its arguments."""
-    kind: Any = node_class(name)
-    node = kind()
+    node: Any = node_class(name)()  # type: ignore[call-arg]
     try:
         declared = list(node._parameters)  # rclpy has no public list of parameters within a process
         purpose = (inspect.getdoc(sys.modules[type(node).__module__]) or "").split("\n\n")[0]
@@ -67,7 +65,7 @@ def _ends_of(node: Any) -> Iterator[_End]:
     for role, names_and_types in (("serves", server_names_and_types), ("calls", client_names_and_types)):
         rows += [(name, kind.replace("/action/", "/"), role, "action") for name, (kind,) in names_and_types(*arguments)]
     for name, kind, role, qos in rows:
-        if not kind.startswith(_OWN) and _PART_OF_ACTION not in name:
+        if not kind.startswith(_OWN) and "/_action/" not in name:
             yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), kind, role, qos
 
 
@@ -114,10 +112,8 @@ def _ends(nodes: dict[str, Described]) -> str:
     topics = _rows(nodes, ("publishes", "subscribes"))
     text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
     text += "Of a latched topic of depth 1 a subscription stores the last 10.\n\n"
-    text += table(
-        ("Topic", "Type", "QoS", "From", "To", "Recorded"),
-        ([*row, "yes" if row[0] in recorded else ""] for row in topics),
-    )
+    rows = ([*row, "yes" if row[0] in recorded else ""] for row in topics)
+    text += table(("Topic", "Type", "QoS", "From", "To", "Recorded"), rows)
     text += "\n## Services and actions\n\n"
     return text + table(("Name", "Type", "Kind", "Served by", "Called by"), _rows(nodes, ("serves", "calls")))
 

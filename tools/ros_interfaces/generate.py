@@ -22,7 +22,6 @@ from rosidl_typesupport_introspection_c import generate_c as generate_introspect
 SHARE = Path(sys.prefix) / "share"
 FAST = "rosidl_typesupport_fastrtps_c"
 INTROSPECTION = "rosidl_typesupport_introspection_c"  # FastDDS's middleware needs it to register a type
-WITH_VISIBILITY = ("rosidl_generator_c", FAST, INTROSPECTION)
 TO_IDL = {".msg": convert_msg_to_idl, ".srv": convert_srv_to_idl, ".action": convert_action_to_idl}
 
 
@@ -63,7 +62,7 @@ def generate(folder: Path, out: Path) -> None:
     generate_typesupport_c(arguments("rosidl_typesupport_c"), [FAST, INTROSPECTION])
     generate_py(arguments("rosidl_generator_py"), ["rosidl_typesupport_c"])
     (out / "rosidl_generator_py" / package / "__init__.py").touch()
-    for generator in WITH_VISIBILITY:
+    for generator in ("rosidl_generator_c", FAST, INTROSPECTION):
         name = f"{generator}__visibility_control.h"
         text = (SHARE / generator / "resource" / f"{name}.in").read_text()
         text = text.replace("@PROJECT_NAME@", package).replace("@PROJECT_NAME_UPPER@", package.upper())
