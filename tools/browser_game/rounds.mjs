@@ -12,23 +12,24 @@ export async function play(load, rounds) {
   for (const { place, ...setup } of rounds) {
     const engine = engines[place] ??= new Engine(module, network, await unpack(await load(`maps/${place}.bin`)));
     const round = new Round(engine, setup);
-    const rows = [numbers(round)];
+    const rows = [row(round)];
     let ms = 0;
     while (!round.over) {
       const before = performance.now();
       round.step();
       ms += performance.now() - before;
-      rows.push(numbers(round));
+      rows.push(row(round));
     }
-    const all = new Float64Array(rows.flat());
-    const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", all));
+    const numbers = new Float64Array(rows.flat());
+    const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", numbers));
     const sha256 = Array.from(hash, (byte) => byte.toString(16).padStart(2, "0")).join("");
-    results.push({ outcome: round.result, choices: round.choices.map(([goal]) => goal), sha256, tick_ms: ms / round.ticks, all });
+    const choices = round.choices.map(([goal]) => goal);
+    results.push({ outcome: round.result, choices, sha256, tick_ms: ms / round.ticks, numbers });
   }
   return results;
 }
 
-function numbers(round) {
+function row(round) {
   const frame = round.snapshots.at(-1);
   const logits = round.engine.array("judge", "logits");
   const scores = round.numbers.map((candidate) => (Number.isFinite(logits[candidate]) ? logits[candidate] : 0));
@@ -38,6 +39,6 @@ function numbers(round) {
 if (globalThis.process) { // node rounds.mjs: rounds as JSON on the input, results as JSON
   const { readFileSync } = await import("fs");
   const results = await play((name) => readFileSync(new URL(name, import.meta.url)), JSON.parse(readFileSync(0)));
-  const plain = results.map((one) => ({ ...one, all: Buffer.from(one.all.buffer).toString("base64") }));
+  const plain = results.map((one) => ({ ...one, numbers: Buffer.from(one.numbers.buffer).toString("base64") }));
   process.stdout.write(JSON.stringify(plain));
 }
