@@ -2,10 +2,10 @@
 
 import base64
 import json
-import shutil
 import subprocess
 import tempfile
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
@@ -29,28 +29,31 @@ class Firefox:
     """A new Firefox without a screen, as a context manager; ``errors`` and ``urls`` are those of its pages."""
 
     def __init__(self, program: str) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="firefox-"))
-        (self._folder / "user.js").write_text(_OFFLINE)
-        command = [program, "--headless", "--remote-debugging-port=0", "--profile", str(self._folder), "--no-remote"]
-        self._process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        self._program = program
+        self._open = ExitStack()
         self.errors: list[str] = []
         self.urls: list[str] = []
         self._count = 0
 
     def __enter__(self) -> Self:
-        assert self._process.stderr is not None
-        line = next(line for line in self._process.stderr if "BiDi listening on" in line)
-        self._socket = connect(line.split()[-1] + "/session", max_size=None, proxy=None)
-        self.send("session.new", capabilities={})
-        self.send("session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"])
-        self.context = self.send("browsingContext.getTree")["contexts"][0]["context"]
+        with ExitStack() as opened:
+            folder = opened.enter_context(tempfile.TemporaryDirectory(prefix="firefox-", ignore_cleanup_errors=True))
+            (Path(folder) / "user.js").write_text(_OFFLINE)
+            command = [self._program, "--headless", "--remote-debugging-port=0", "--no-remote", "--profile", folder]
+            process = opened.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
+            opened.callback(process.terminate)
+            assert process.stderr is not None
+            line = next(line for line in process.stderr if "BiDi listening on" in line)
+            address = line.split()[-1] + "/session"
+            self._socket = opened.enter_context(connect(address, max_size=None, proxy=None))
+            self.send("session.new", capabilities={})
+            self.send("session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"])
+            self.context = self.send("browsingContext.getTree")["contexts"][0]["context"]
+            self._open = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._socket.close()
-        self._process.terminate()
-        self._process.communicate()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._open.close()
 
     def send(self, method: str, **parameters: Any) -> Any:
         """Return the result of a command of BiDi."""
