@@ -3,7 +3,6 @@
 Python plays each round twice: with the mathematical functions of this machine, and with those of the browser's module.
 """
 
-import base64
 import ctypes
 import hashlib
 import json
@@ -14,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -110,9 +110,7 @@ def in_node(some: Sequence[dict[str, Any]], folder: Path) -> list[dict[str, Any]
     command = "node", str(folder / "rounds.mjs")
     done = subprocess.run(command, input=json.dumps(some), stdout=subprocess.PIPE, text=True, check=True)
     results: list[dict[str, Any]] = json.loads(done.stdout)
-    for one in results:
-        one["numbers"] = np.frombuffer(base64.b64decode(one["numbers"])).reshape(len(one["choices"]) + 1, -1)
-    return results
+    return [{**one, "numbers": np.array(one["numbers"])} for one in results]
 
 
 def main() -> None:
@@ -122,25 +120,25 @@ def main() -> None:
         build_for(some, folder, Path("build/browser_game"))
         node = in_node(some, folder)
         python, same = in_python(some), in_python(some, folder / "libm.so")
-    rows: dict[str, list[tuple[float, ...]]] = {}
+    rows = defaultdict(list)
     for one, a, b, c in zip(some, python, node, same, strict=True):
-        alike = a["choices"] == b["choices"]
         last = min(len(a["numbers"]), len(b["numbers"]))
         gaps = np.abs(a["numbers"][:last] - b["numbers"][:last])
         places = gaps[: _COMPARED + 1, [0, 1, 3, 4, *range(8, 8 + 2 * len(one["ghosts"]))]].max()
+        alike = a["choices"] == b["choices"]
         if not alike:
             tick = next((k for k in range(last - 1) if a["choices"][k] != b["choices"][k]), last - 1)
             print(
                 f"{one}: other choice in tick {tick}; places, m: {gaps[tick, :2].max()}, scores: {gaps[tick, 9:].max()}"
             )
         bits = (b["sha256"] == other["sha256"] for other in (a, c))
-        key = f"| {one['place'].partition('-')[0]} | {', '.join(one['ghosts'])}"
-        rows.setdefault(key, []).append((a["outcome"] == b["outcome"], alike, *bits, places))
+        key = one["place"].partition("-")[0], ", ".join(one["ghosts"])
+        rows[key].append((a["outcome"] == b["outcome"], alike, *bits, places))
     print("| Map | Ghosts | Rounds | Same outcome | Same choices | Same bits | With same functions | 60 s, m |")
     print("|---" * 8 + "|")
     for key, facts in rows.items():
         *counts, places = zip(*facts, strict=True)
-        print(key, len(facts), *map(sum, counts), f"{max(places):.0e} |", sep=" | ")
+        print("|", " | ".join(map(str, (*key, len(facts), *map(sum, counts), f"{max(places):.0e}"))), "|")
     for what, results in (("Python", python), ("with same functions", same), ("Node", node)):
         print(f"{what}: {np.mean([one['tick_ms'] for one in results]):.2f} ms per tick")
 

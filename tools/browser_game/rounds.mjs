@@ -20,11 +20,10 @@ export async function play(load, rounds) {
       ms += performance.now() - before;
       rows.push(row(round));
     }
-    const numbers = new Float64Array(rows.flat());
-    const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", numbers));
+    const hash = new Uint8Array(await crypto.subtle.digest("SHA-256", new Float64Array(rows.flat())));
     const sha256 = Array.from(hash, (byte) => byte.toString(16).padStart(2, "0")).join("");
     const choices = round.choices.map(([goal]) => goal);
-    results.push({ outcome: round.result, choices, sha256, tick_ms: ms / round.ticks, numbers });
+    results.push({ outcome: round.result, choices, sha256, tick_ms: ms / round.ticks, numbers: rows });
   }
   return results;
 }
@@ -39,6 +38,5 @@ function row(round) {
 if (globalThis.process) { // node rounds.mjs: rounds as JSON on the input, results as JSON
   const { readFileSync } = await import("fs");
   const results = await play((name) => readFileSync(new URL(name, import.meta.url)), JSON.parse(readFileSync(0)));
-  const plain = results.map((one) => ({ ...one, numbers: Buffer.from(one.numbers.buffer).toString("base64") }));
-  process.stdout.write(JSON.stringify(plain));
+  process.stdout.write(JSON.stringify(results));
 }
