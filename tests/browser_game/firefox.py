@@ -16,7 +16,6 @@ from tests.waiting import PATIENCE_S
 FIREFOX = ("firefox-esr", "firefox")
 _OFFLINE = """
 user_pref("app.normandy.enabled", false);
-user_pref("browser.safebrowsing.downloads.remote.enabled", false);
 user_pref("datareporting.policy.dataSubmissionEnabled", false);
 user_pref("media.autoplay.default", 0);
 user_pref("network.captive-portal-service.enabled", false);
@@ -30,7 +29,6 @@ class Firefox:
 
     def __init__(self, program: str) -> None:
         self._program = program
-        self._open = ExitStack()
         self.errors: list[str] = []
         self.urls: list[str] = []
         self._count = 0
@@ -43,17 +41,16 @@ class Firefox:
             process = opened.enter_context(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
             opened.callback(process.terminate)
             assert process.stderr is not None
-            line = next(line for line in process.stderr if "BiDi listening on" in line)
-            address = line.split()[-1] + "/session"
-            self._socket = opened.enter_context(connect(address, max_size=None, proxy=None))
+            address = next(line for line in process.stderr if "BiDi listening on" in line).split()[-1]
+            self._socket = opened.enter_context(connect(address + "/session", max_size=None, proxy=None))
             self.send("session.new", capabilities={})
             self.send("session.subscribe", events=["log.entryAdded", "network.beforeRequestSent"])
             self.context = self.send("browsingContext.getTree")["contexts"][0]["context"]
-            self._open = opened.pop_all()
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._open.close()
+        self._opened.close()
 
     def send(self, method: str, **parameters: Any) -> Any:
         """Return the result of a command of BiDi."""
