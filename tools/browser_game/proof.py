@@ -61,15 +61,8 @@ def build_for(some: Sequence[dict[str, Any]], folder: Path, work: Path) -> None:
     code, library = folder / "libm.c", folder / "libm.so"
     functions = f"void *functions[] = {{{', '.join(_FUNCTIONS)}}};"
     code.write_text(f"#define _GNU_SOURCE\n#include <math.h>\n{functions}\nint main(void) {{}}\n")
-    options = (
-        "-O2",
-        "-w",
-        "-static",
-        "-fPIC",
-        "-pie",
-        "-Wl,--export-dynamic",
-        f"--target={platform.machine()}-linux-musl",
-    )
+    target = f"--target={platform.machine()}-linux-musl"
+    options = "-O2", "-w", "-static", "-fPIC", "-pie", "-rdynamic", target
     subprocess.run([sys.executable, "-m", "ziglang", "cc", *options, code, "-o", library], check=True)
     content = library.read_bytes()  # a program, because Zig adds these functions to no library
     flags = content.index(struct.pack("<Q", 0x6FFFFFFB)) + 8  # DT_FLAGS_1, which forbids to load a program
@@ -128,9 +121,7 @@ def main() -> None:
         alike = a["choices"] == b["choices"]
         if not alike:
             tick = next((k for k in range(last - 1) if a["choices"][k] != b["choices"][k]), last - 1)
-            print(
-                f"{one}: other choice in tick {tick}; places, m: {gaps[tick, :2].max()}, scores: {gaps[tick, 9:].max()}"
-            )
+            print(f"{one}: other choice in tick {tick}; x, y: {gaps[tick, :2].max()}, scores: {gaps[tick, 9:].max()}")
         bits = (b["sha256"] == other["sha256"] for other in (a, c))
         key = one["place"].partition("-")[0], ", ".join(one["ghosts"])
         rows[key].append((a["outcome"] == b["outcome"], alike, *bits, places))
