@@ -26,7 +26,7 @@ LONGEST = (
     *("test_other_python.py", "web/test_page.py", "test_package.py"),
     *("clients/test_scripts.py", "envs/test_contract.py", "system/test_memory.py", "web/test_page_accessible.py"),
     *("envs/test_judges.py", "engine/test_threads.py", "web/test_simulated.py"),
-    *("training/test_train.py", "evaluation/compare/test_html_page.py"),
+    *("training/test_train.py", "evaluation/compare/test_html_page.py", "browser_game/test_rounds.py"),
     "system/test_kills.py",
 )
 

@@ -16,7 +16,7 @@ export async function unpack(bytes) {
 }
 
 // The bytes of an array from its stored form (`Entry` in image.py).
-function restored(stored, width, lag, apart) {
+export function restored(stored, width, lag, apart) {
   if (!lag && !apart) return stored;
   const bytes = new Uint8Array(stored.length);
   const count = stored.length / width;
