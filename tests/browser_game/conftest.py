@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from tests.browser_game.firefox import FIREFOX, Firefox
+from tests.browser_game.proof import build_for, rounds
 from tests.web.browser import chromium, missing  # noqa: F401 - a fixture
-from tools.browser_game.proof import build_for, rounds
 
 #: Short rounds of the proof, on ``house``, ``loop`` and ``generated-14``.
 ROUNDS = [one for one in rounds(100) if one["seed"] in (9, 33, 58, 74, 75, 78)]

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from tests.browser_game.conftest import ROUNDS
 from tests.browser_game.firefox import Firefox
+from tests.browser_game.proof import in_node, in_python
 from tools.browser_game.image import _stored
-from tools.browser_game.proof import in_node, in_python
 
 #: Plays the rounds of the list that follows; returns their hashes.
 _PLAY = """import("./rounds.mjs").then(async ({ play }) => {

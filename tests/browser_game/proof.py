@@ -1,4 +1,4 @@
-"""Compare rounds of the browser's game in Node with the same rounds in Python: ``python -m tools.browser_game.proof``.
+"""Compare rounds of the browser's game in Node with the same rounds in Python: ``python -m tests.browser_game.proof``.
 
 Python plays each round twice: with the mathematical functions of this machine, and with those of the browser's module.
 """
@@ -27,6 +27,7 @@ from numba.core.registry import cpu_target
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import PLAY, Choices, Rules
 from tools.browser_game.__main__ import build
+from tools.common import ROOT
 
 MAPS = "house", "loop", "maze", "open_plan", "generated"
 LINE_UPS = (  # ghosts and their speed, m/s
@@ -55,7 +56,7 @@ def rounds(count: int) -> list[dict[str, Any]]:
 def build_for(some: Sequence[dict[str, Any]], folder: Path, work: Path) -> None:
     """Build the maps of some rounds, and add the modules that play them and ``libm.so`` for ``in_python``."""
     build(folder, work, sorted({one["place"] for one in some}))
-    for source in (*(_HERE / "page").glob("*.js"), _HERE / "rounds.mjs"):
+    for source in (*(ROOT / "tools" / "browser_game" / "page").glob("*.js"), _HERE / "rounds.mjs"):
         shutil.copy(source, folder)
     (folder / "package.json").write_text('{"type": "module"}')
     code, library = folder / "libm.c", folder / "libm.so"
