@@ -13,11 +13,12 @@ from pathlib import Path
 import pytest
 
 from tests.browser_game.firefox import FIREFOX, Firefox
-from tests.browser_game.proof import build_for, rounds
+from tests.browser_game.proof import build_for, rounds, with_orders
 from tests.web.browser import chromium, missing  # noqa: F401 - a fixture
 
 #: Short rounds of the proof, on ``house``, ``loop`` and ``generated-14``.
-ROUNDS = [one for one in rounds(100) if one["seed"] in (9, 33, 58, 74, 75, 78)]
+_SHORT = [one for one in rounds(100) if one["seed"] in (9, 33, 58, 74, 75, 78)]
+ROUNDS = [*_SHORT, *(with_orders(one, 5000) for one in _SHORT[::2])]
 
 
 @pytest.fixture(scope="session")

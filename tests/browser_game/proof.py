@@ -7,6 +7,7 @@ import ctypes
 import hashlib
 import json
 import platform
+import random
 import shutil
 import struct
 import subprocess
@@ -21,9 +22,11 @@ from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
+import msgspec
 import numpy as np
 from numba.core.registry import cpu_target
 
+from pacman_env.web.orders import FOLLOW, Moves
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import PLAY, Choices, Rules
 from tools.browser_game.__main__ import build
@@ -51,6 +54,22 @@ def rounds(count: int) -> list[dict[str, Any]]:
         place = f"{place}-{seed % 20}" if place == "generated" else place
         result.append({"place": place, "seed": seed, "ghosts": ghosts, "clyde_mps": mps, "power": True})
     return result
+
+
+def with_orders(one: dict[str, Any], places: int, most: int = 60) -> dict[str, Any]:
+    """Return a round with random orders of people to the robot and to the ghosts; the first ghost is placed before."""
+    draw = random.Random(one["seed"])
+    ghosts = [number for number in range(len(one["ghosts"])) if number == 0 or draw.random() < 0.5]
+    orders, tick = [], 0
+    for _ in range(most):
+        tick += draw.randint(1, 12)
+        by_hand = {"velocity": [round(draw.uniform(-0.1, 0.3), 2), round(draw.uniform(-1.0, 1.0), 2)]}
+        robot = draw.choice(
+            [{}, {"robot": True}, {"robot": True, "goal": draw.randrange(9)}, {"robot": True, **by_hand}]
+        )
+        cells = {number: draw.choice([None, FOLLOW, draw.randrange(places)]) for number in ghosts}
+        orders.append([tick, {**robot, "ghosts": cells}])
+    return one | {"played": ghosts, "moves": {"placed": {0: [1.0, 1.0]}, "orders": orders}}
 
 
 def build_for(some: Sequence[dict[str, Any]], folder: Path, work: Path) -> None:
@@ -87,9 +106,10 @@ def _replace_functions(libm: Path | None) -> None:
 def _play(one: dict[str, Any]) -> dict[str, Any]:
     name, _, level = one["place"].partition("-")
     rules = Rules(name, int(level) if level else None, ghosts=tuple(one["ghosts"]), settings=PLAY["settings"])
-    played = PlayedRound(*Choices().prepare(rules, one["clyde_mps"]), ("ppo",), one["seed"])
+    people = frozenset(one.get("played", ()))
+    played = PlayedRound(*Choices().prepare(rules, one["clyde_mps"]), ("ppo",), one["seed"], people)
     start = time.perf_counter()
-    played.finish()
+    played.replay(msgspec.convert(one.get("moves", {}), Moves, strict=False))
     tick_ms = 1000 * (time.perf_counter() - start) / played.ticks
     columns = "true", "believed", "velocity", "ghosts", "collected", "scores"
     rows = [np.hstack([np.ravel(getattr(frame, name)) for name in columns]) for frame in played.snapshots]

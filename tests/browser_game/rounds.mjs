@@ -9,14 +9,15 @@ export async function play(load, rounds) {
   const network = await unpack(await load("network.bin"));
   const engines = {};
   const results = [];
-  for (const { place, ...setup } of rounds) {
+  for (const { place, moves, played, ...setup } of rounds) {
     const engine = engines[place] ??= new Engine(module, network, await unpack(await load(`maps/${place}.bin`)));
-    const round = new Round(engine, setup);
+    const round = new Round(engine, setup, played);
+    round.replay(moves, 0); // places ghosts
     const rows = [row(round)];
     let ms = 0;
     while (!round.over) {
       const before = performance.now();
-      round.step();
+      round.replay(moves, round.ticks + 1);
       ms += performance.now() - before;
       rows.push(row(round));
     }
