@@ -27,7 +27,7 @@ export function setUpMapControls(map) {
       if (candidate !== state.candidate) state.emit("candidate", (state.candidate = candidate));
     },
   });
-  state.on("placing", () => top.classList.toggle("placing", Boolean(state.placing || state.posing)));
+  state.on("placing", () => top.classList.toggle("placing", Boolean(state.placing)));
   element.addEventListener("pointerdown", ({ target }) => target === top && openLayers(false));
   find("zoom-in").onclick = () => map.zoom(1.4);
   find("zoom-out").onclick = () => map.zoom(1 / 1.4);
