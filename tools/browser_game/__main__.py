@@ -1,19 +1,21 @@
-"""Build the page that plays without a server: ``python -m tools.browser_game FOLDER``."""
+"""Build the page that plays without a server: ``python -m tools.browser_game FOLDER [MAP ...]``."""
 
 import gzip
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools.browser_game import kernels, maps, module
+from tools.browser_game import kernels, maps, module, page
 from tools.browser_game.image import Image, flat, save
+from tools.common import ROOT
 
-HOUSES = 20  # generated houses, by their level numbers from 0 on
+PLACES = *shipped_maps(), *(f"generated-{level}" for level in range(20))
 
 
-def build(folder: Path, work: Path) -> None:
-    """Write the files of the page into a folder; ``work`` keeps what a later build can use again."""
+def build(folder: Path, work: Path, places: Sequence[str] = PLACES) -> None:
+    """Write the files of the game into a folder; ``work`` keeps what a later build can use again."""
     (folder / "maps").mkdir(parents=True, exist_ok=True)
     work.mkdir(parents=True, exist_ok=True)
     called = kernels.called_functions()
@@ -24,13 +26,14 @@ def build(folder: Path, work: Path) -> None:
     entries, stored = network.packed()
     header = {"entries": entries, "functions": [*called], "first": kernels.FIRST_FUNCTION}
     save(folder / "network.bin", header, stored)
-    for name in shipped_maps():
-        maps.write(name, None, planner, network, folder / "maps" / f"{name}.bin")
-    for level in range(HOUSES):
-        maps.write("generated", level, planner, network, folder / "maps" / f"generated-{level}.bin")
+    for place in places:
+        name, _, level = place.partition("-")
+        maps.write(name, int(level) if level else None, planner, network, folder / "maps" / f"{place}.bin")
     built = module.build(kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc"], work)
     (folder / "game.wasm.bin").write_bytes(gzip.compress(built.read_bytes(), 9, mtime=0))
 
 
 if __name__ == "__main__":
-    build(Path(sys.argv[1]), Path("build/browser_game"))
+    folder, places = Path(sys.argv[1]), sys.argv[2:] or PLACES
+    build(folder / "game", ROOT / "build" / "browser_game", places)
+    page.write(folder, places)

@@ -82,6 +82,7 @@ def write(map: str, level: int | None, planner: LearnedPlanner, network: Image, 
         stored += more
         tables = {name: _table(table, image, records) for name, table in _tables(one).items()}
         header["rounds"].append({"end": image.end, "entries": parts, "tables": tables})
+    path.with_suffix(".png").write_bytes(scene_of(rounds[0].played, rounds[0].rules, 1).picture)
     save(path, {**header, "records": {name: _record(dtype) for dtype, name in records.items()}}, stored)
 
 

@@ -39,17 +39,17 @@ int32_t numba_attempt_nocopy_reshape(int64_t axes, const int64_t *lengths, const
 }
 
 // Errors of Numba, which end the game: kernels raise none for valid input.
-#define FAIL(name) \
-  void name(void) { __builtin_trap(); }
-FAIL(NRT_MemInfo_new_varsize_dtor)
-FAIL(numba_unpickle)
-FAIL(numba_runtime_build_excinfo_struct)
-FAIL(numba_do_raise)
-FAIL(PyBytes_FromStringAndSize)
-FAIL(PyErr_SetString)
-FAIL(PyUnicode_FromKindAndData)
-FAIL(PyObject_Hash)
-FAIL(PyTuple_Pack)
+#define FAIL(result, name, ...) \
+  result name(__VA_ARGS__) { __builtin_trap(); }
+FAIL(void *, NRT_MemInfo_new_varsize_dtor, int64_t, void *)
+FAIL(void *, numba_unpickle, void *, int32_t, void *)
+FAIL(void *, numba_runtime_build_excinfo_struct, void *, void *)
+FAIL(void, numba_do_raise, void *)
+FAIL(void *, PyBytes_FromStringAndSize, void *, int64_t)
+FAIL(void, PyErr_SetString, void *, void *)
+FAIL(void *, PyUnicode_FromKindAndData, int32_t, void *, int64_t)
+FAIL(int64_t, PyObject_Hash, void *)
+FAIL(void *, PyTuple_Pack, int64_t, void *)
 void *PyExc_RuntimeError;
 
 void cpMessage(const char *condition, const char *file, int line, int is_error, int is_hard, const char *text, ...) {}
