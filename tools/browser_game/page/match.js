@@ -163,10 +163,9 @@ export class Match {
     }
     if (!round.over) return;
     this.#record(round);
-    const [state, event] = { caught: ["dying", `${name(round.catcher)} killed`], complete: ["complete", "win"] }[round.result]
-      ?? ["returning_home"];
-    if (event) this.#report(event);
-    this.#enter(state);
+    if (round.result === "caught") this.#report(`${name(round.catcher)} killed`);
+    if (round.result === "complete") this.#report("win");
+    this.#enter({ caught: "dying", complete: "complete" }[round.result] ?? "returning_home");
   }
 
   // What the person orders in the next tick.
