@@ -7,10 +7,14 @@ const VIEWS = {
 };
 const UNSIGNED = { 1: Uint8Array, 2: Uint16Array, 4: Uint32Array, 8: BigUint64Array };
 
+export async function gunzip(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
 // A file of the build: its header, and the stored arrays behind it.
 export async function unpack(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const content = new Uint8Array(await new Response(stream).arrayBuffer());
+  const content = await gunzip(bytes);
   const length = new DataView(content.buffer).getUint32(0, true);
   return { header: JSON.parse(new TextDecoder().decode(content.subarray(4, 4 + length))), stored: content.subarray(4 + length) };
 }

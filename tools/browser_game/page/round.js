@@ -8,6 +8,8 @@ const NEAR_M = 1; // largest distance from a click to its candidate
 const WORSE = 0.1; // a goal is worse if a catch within 10 s is more likely by at least this probability
 const MOST_PLAN_POINTS = 64;
 
+const KINDS = ["pellet", "refuge", "hold"];
+
 const rounded = (value) => (Number.isFinite(value) ? Math.round(value * 1e4) / 1e4 : null);
 const sameOrders = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
@@ -111,9 +113,30 @@ export class Round {
   // Whether the planner expects a catch on the way to a goal clearly more often than with its own choice.
   #isWorse(goal) {
     const features = this.engine.array("judge", "candidates");
-    const { columns, caught } = this.engine.facts;
-    const risk = (number) => (this.#allowed(number) ? features[this.numbers[number] * columns + caught] : 0);
+    const { columns, terms } = this.engine.facts;
+    const risk = (number) => (this.#allowed(number) ? features[this.numbers[number] * columns + terms.caught] : 0);
     return risk(goal) - risk(this.best) >= WORSE;
+  }
+
+  // What the planner thinks of each allowed candidate, as the message `why` has it.
+  why() {
+    const { engine, numbers, engine: { facts: { columns, terms, scene } } } = this;
+    const [kind, paths, ghostPaths, [speed], [time_s]] = ["kind", "path_robot", "path_clyde", "clyde_speed", "time_s"]
+      .map((name) => engine.array("situation", name));
+    const [features, logits, [value]] = ["candidates", "logits", "value"].map((name) => engine.array("judge", name));
+    const odds = logits.map((logit) => Math.exp(logit - Math.max(...logits)));
+    const rows = [...numbers.keys()].filter((number) => this.#allowed(number)).map((number) => {
+      const at = numbers[number];
+      const probability = odds[at] / odds.reduce((sum, one) => sum + one, 0);
+      const shown = Object.entries(terms).map(([name, column]) => [name, features[at * columns + column]]);
+      const all = [["score", logits[at]], ["probability", probability], ["value", value], ...shown];
+      return {
+        candidate: number, kind: KINDS[kind[at]], robot_m: rounded(paths[at]),
+        ghost_later_s: rounded(ghostPaths[at] / speed - paths[at] / scene.robot.speed_mps),
+        terms: { ppo: Object.fromEntries(all.map(([name, one]) => [name, rounded(one)])) },
+      };
+    });
+    return { time_s, goal: this.snapshots.at(-1).goal, policies: ["ppo"], chosen: { ppo: this.best }, rows };
   }
 
   // Plays with recorded orders until `ticks` ticks, or to the end.
@@ -174,7 +197,7 @@ export class Round {
     const places = this.behaviours.map((_, k) => [ghost(k, "x"), ghost(k, "y")]);
     const time_s = game("step") * engine.facts.physics_step_s;
     return {
-      kind: "frame", state: "running", time_s, collected: game("collected"), spawned: this.pellets,
+      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"), spawned: this.pellets,
       goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
       velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
       alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
