@@ -111,7 +111,7 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
             "mass_kg": config.robot.mass_kg,
             "slop_m": physics._COLLISION_SLOP_M,
         },
-        "scene": scene.facts,
+        "scene": scene.facts | {"second": None},
     }
 
 

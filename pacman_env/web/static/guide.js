@@ -14,7 +14,7 @@ const pose = (name) => ({ poses: { ghosts: [], true: AT, [name]: AT } });
 const pellet = (exists, power) => ({ scene: { pellets: [AT], power }, frame: { alive: [exists] } });
 
 // Names of what this game shows, and a small game with nothing else; null: the light ring.
-function entries({ ghosts, power }) {
+function entries({ ghosts, power }, source) {
   const [first] = ghosts;
   return [
     ["robot", pose("robot")],
@@ -39,7 +39,7 @@ function entries({ ghosts, power }) {
     }],
     ["refuge", { scene: { refuges: [AT] } }],
     ["home", { scene: { home: AT } }],
-    ["light ring of the robot", null],
+    ...source === "browser" ? [] : [["light ring of the robot", null]],
   ];
 }
 
@@ -69,7 +69,7 @@ export class Guide {
 
   #show() {
     if ($("guide").hidden || !this.state.scene) return;
-    const rows = entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown), text));
+    const rows = entries(this.state.scene, this.state.source).map(([text, shown]) => make("li", {}, drawn(shown), text));
     $("guide-key").replaceChildren(...rows);
   }
 
