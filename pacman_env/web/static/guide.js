@@ -19,7 +19,6 @@ function entries({ ghosts, power }, source) {
   return [
     ["robot", pose("robot")],
     ["where it believes it is", { ...pose("believed"), layers: { believed: true } }],
-    ["policy's robot, while you play", pose("baseline")],
     ...ghosts.map(({ name, behaviour, colour }) => [`${name}: ${behaviour}`, ghost({ colour })]),
     ["a ghost catches the robot in here", ghost({ colour: first?.colour, catch_m: 0.26 }, { catch: true })],
     ["pellet", pellet(true)],
@@ -39,7 +38,9 @@ function entries({ ghosts, power }, source) {
     }],
     ["refuge", { scene: { refuges: [AT] } }],
     ["home", { scene: { home: AT } }],
-    ...source === "browser" ? [] : [["light ring of the robot", null]],
+    ...source === "browser" ? [] : [
+      ["policy's robot, while you play", pose("baseline")], ["light ring of the robot", null],
+    ],
   ];
 }
 
