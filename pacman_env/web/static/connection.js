@@ -60,8 +60,8 @@ export function send(message) {
 
 const failed = (words, late = false) => ({ ok: false, words, data: null, late });
 
-// Always resolves, with {ok, words, data}.
-export function ask(message, timeout_ms = 8000) {
+// Always resolves, with {ok, words, data}; without a server the first requests wait until the game has been loaded.
+export function ask(message, timeout_ms = GAME ? SLOW_MS : 8000) {
   const id = ++lastId;
   if (!isOpen()) return Promise.resolve(failed("There is no connection."));
   send({ ...message, id });

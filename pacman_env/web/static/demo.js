@@ -1,6 +1,6 @@
 // The demo: while no person plays, the map shows the prepared round as its policy plays it, and a card offers to play.
 
-import { $, focusMap, still, stored } from "./dom.js";
+import { $, focusMap, notice, still, stored } from "./dom.js";
 import { switchSound } from "./effects.js";
 
 const SPEED = 4; // times real time
@@ -42,9 +42,12 @@ export class Demo {
   async #play(role) {
     const { game, state } = this;
     if ($("play-sound").checked) switchSound(true);
-    if (!await game.request({ do: "role", role })) return;
-    if (!await game.request({ do: "setup", ...state.hello.choices.play[role.split("-")[0]] }, game.SLOW_MS)) return;
-    if (await game.request({ do: "speed", times: PLAY_SPEED })) await game.request({ do: "start" });
+    const hide = notice("Preparing the game.", { key: "setup", stays: true });
+    const setup = { do: "setup", ...state.hello.choices.play[role.split("-")[0]] };
+    const ready = await game.request({ do: "role", role }) && await game.request(setup, game.SLOW_MS)
+      && await game.request({ do: "speed", times: PLAY_SPEED });
+    hide();
+    if (ready) await game.request({ do: "start" });
   }
 
   // Whether no person plays and nothing else is shown.
