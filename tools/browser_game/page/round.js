@@ -16,7 +16,7 @@ const sameOrders = (one, other) => JSON.stringify(one) === JSON.stringify(other)
 export class Round {
   ticks = 0;
   byPerson = false;
-  moves = { placed: {}, orders: [] };
+  moves = {}; // placed ghosts and orders, as pacman_env/web/orders.py has them
   worse = []; // ticks at which a person chose a more dangerous goal than the planner
   choices = []; // goal and the planner's choice, as page numbers, of each tick
   #sent = {};
@@ -96,7 +96,8 @@ export class Round {
   }
 
   #note(orders) {
-    if (!sameOrders(orders, this.moves.orders.at(-1)?.[1] ?? {})) this.moves.orders.push([this.ticks, orders]);
+    const { orders: noted = [] } = this.moves;
+    if (!sameOrders(orders, noted.at(-1)?.[1] ?? {})) this.moves.orders = [...noted, [this.ticks, orders]];
   }
 
   #sendGhosts() {
@@ -143,7 +144,7 @@ export class Round {
   replay(moves, ticks = Infinity) {
     if (!this.ticks) for (const [k, place] of Object.entries(moves?.placed ?? {})) this.placeGhost(Number(k), ...place);
     while (!this.over && this.ticks < ticks) {
-      this.step(moves?.orders.findLast(([tick]) => tick <= this.ticks)?.[1]);
+      this.step(moves?.orders?.findLast(([tick]) => tick <= this.ticks)?.[1]);
     }
   }
 
@@ -151,7 +152,7 @@ export class Round {
   placeGhost(number, x, y) {
     const cell = this.#nearestCell(x, y, () => true);
     this.engine.call("place_ghost", number, cell);
-    this.moves.placed[number] = [...this.#cell(cell)];
+    this.moves.placed = { ...this.moves.placed, [number]: [...this.#cell(cell)] };
     this.#observe();
     this.snapshots = [this.#snapshot()];
   }
