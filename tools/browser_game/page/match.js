@@ -60,13 +60,9 @@ export class Match {
   #asideTurn = Promise.resolve(); // of rounds on the second engine
   #aside = null; // the second engine
 
-  // `host` has the functions read, post, now and pause of the worker.
-  constructor(host) {
+  // Shows the first round as it was recorded, and loads the game meanwhile. `host` is what the worker provides.
+  async begin(host) {
     this.host = host;
-  }
-
-  // Shows the first round as it was recorded, and loads the game meanwhile.
-  async begin() {
     const text = (bytes) => JSON.parse(new TextDecoder().decode(bytes));
     this.hello = text(await this.host.read("hello.json"));
     const { setup, scene, frames } = text(await gunzip(await this.host.read("first.json.gz")));
@@ -76,11 +72,7 @@ export class Match {
     this.#showRole();
     this.#show(scene, frames[0]);
     this.demo = { frames, entry: this.scene };
-    await (this.#turn = this.#prepare());
-  }
-
-  async #prepare() {
-    this.round ??= new Round(await this.#engine(this.setup), this.setup);
+    await this.receive('{"do":"ready"}');
   }
 
   receive(text) {
@@ -93,7 +85,7 @@ export class Match {
     let [words, data] = ["", null];
     try {
       demand(Object.hasOwn(this.#requests, what), `${what}: not without a server`);
-      if (!AT_ONCE.includes(what)) await this.#prepare();
+      if (!AT_ONCE.includes(what)) this.round ??= new Round(await this.#engine(this.setup), this.setup);
       data = await this.#requests[what](message);
     } catch (error) {
       words = error.message;
@@ -110,8 +102,10 @@ export class Match {
     if (!this.#shown) return;
     this.#left_s -= passed_s;
     this.#share += passed_s / (this.round?.engine.facts.tick_s ?? 1);
-    if (this.state === "running" && this.#share >= 1) this.#tick();
-    else if (SHOW_S[this.state] && this.#left_s <= 0) this.state === "starting" ? this.#enter("running") : this.#layOut();
+    const isOver = SHOW_S[this.state] && this.#left_s <= 0;
+    if (this.state === "running" && passed_s && this.#share >= 1) this.#tick();
+    else if (isOver && this.state === "starting") this.#enter("running");
+    else if (isOver) this.#layOut();
     const shown = between(...this.#shown, this.#share);
     const text = JSON.stringify({
       ...shown, ...this.#options, state: this.state, revision: this.#count.revision,
@@ -141,7 +135,7 @@ export class Match {
     for (const ghost of round.caught?.fresh ?? []) this.#report(`${name(ghost)} caught`);
     if (this.#why) this.#add({ why: round.why() });
     if (!round.over) return;
-    this.#record(round, this.setup);
+    this.#record(round);
     if (round.result === "caught") this.#report(`${name(round.catcher)} killed`);
     if (round.result === "complete") this.#report("win");
     this.#enter({ caught: "dying", complete: "complete" }[round.result] ?? "returning_home");
@@ -152,8 +146,9 @@ export class Match {
     const ghost = ghostOf(this.#role);
     if (this.round?.played.includes(ghost)) return { ghosts: { [ghost]: this.#goal } };
     if (this.#role !== "robot") return {};
-    const velocity = this.#hand && { velocity: this.#now - this.#hand.time < DEAD_MAN_MS ? this.#hand.velocity : [0, 0] };
-    return { robot: true, ...(this.#goal === null ? {} : { goal: this.#goal }), ...velocity };
+    const { velocity, time } = this.#hand ?? {};
+    const driven = velocity && { velocity: this.#now - time < DEAD_MAN_MS ? velocity : [0, 0] };
+    return { robot: true, ...(this.#goal === null ? {} : { goal: this.#goal }), ...driven };
   }
 
   #post(kind, message) {
@@ -175,7 +170,8 @@ export class Match {
   }
 
   #showRole() {
-    this.#post("people", { viewers: 1, operator: null, away: false, asking: [], roles: { [this.#role]: this.hello.you } });
+    const roles = { [this.#role]: this.hello.you };
+    this.#post("people", { viewers: 1, operator: null, away: false, asking: [], roles });
   }
 
   #show(scene, frame) {
@@ -186,12 +182,12 @@ export class Match {
 
   // Shows the prepared round.
   #showRound() {
-    const { round, rules, setup: { map, level, ghosts, clyde_mps: speed, seed } } = this;
+    const { round, setup: { map, level, ghosts, clyde_mps: speed, seed } } = this;
     const { power, ...facts } = round.engine.facts.scene;
-    const link = new URLSearchParams(rules);
-    const fields = { map, ghosts, clyde: speed, seed, "set.power.pellets": round.power ? rules.get("set.power.pellets") : 0 };
-    for (const [name, value] of Object.entries(fields)) link.set(name, value);
+    const link = new URLSearchParams(this.rules);
+    for (const [name, value] of Object.entries({ map, ghosts, clyde: speed, seed })) link.set(name, value);
     if (level !== null) link.set("level", level);
+    if (!round.power) link.set("set.power.pellets", 0);
     this.#show({
       ...facts, ...(round.power ? { power } : {}), seed, level, clyde_speed_mps: speed, link: String(link),
       map: { ...facts.map, url: `game/maps/${fileOf(this.setup)}.png` },
@@ -214,10 +210,8 @@ export class Match {
 
   // A round before its first tick, for the person and for the orders of people.
   #newRound(setup, engine, orders = []) {
-    const sent = orders.flatMap(([, { ghosts = {} }]) => Object.keys(ghosts).map(Number));
-    const own = ghostOf(this.#role);
-    const played = setup.ghosts.map((_, k) => k).filter((k) => k === own || sent.includes(k));
-    return new Round(engine, setup, played);
+    const sent = [ghostOf(this.#role), ...orders.flatMap(([, { ghosts = {} }]) => Object.keys(ghosts).map(Number))];
+    return new Round(engine, setup, [...setup.ghosts.keys()].filter((k) => sent.includes(k)));
   }
 
   // Shows a round in the menu: the given one, or the next one.
@@ -228,41 +222,39 @@ export class Match {
     this.#showRound();
   }
 
-  // Plays a round with recorded orders, in slices so that messages are handled meanwhile.
-  async #play(round, moves, ticks = Infinity, goesOn = () => true) {
-    do {
-      round.replay(moves, Math.min(ticks, round.ticks + SLICE));
-      await this.host.pause();
-    } while (!round.over && round.ticks < ticks && goesOn());
-    return round;
-  }
-
-  // The same on the second engine, one round after the other. Returns what `take` returns for the round.
-  #playAside(take, setup, played, ...more) {
+  // Plays a round on the second engine, in slices so that messages are handled meanwhile. Returns what `take` returns.
+  #playAside(take, setup, played, moves, ticks = Infinity, goesOn = () => true) {
     const turn = this.#asideTurn.then(async () => {
       this.#aside = await this.#engine(setup, this.#aside);
-      return take(await this.#play(new Round(this.#aside, setup, played), ...more));
+      const round = new Round(this.#aside, setup, played);
+      do {
+        round.replay(moves, Math.min(ticks, round.ticks + SLICE));
+        await this.host.pause();
+      } while (!round.over && round.ticks < ticks && goesOn());
+      return take(round);
     });
     this.#asideTurn = turn.catch(() => null);
     return turn;
   }
 
   // Keeps a finished round. Returns its number.
-  #record(round, setup) {
-    const { result, seed, ticks, worse, moves, played, engine: { facts: { hash, configuration } } } = round;
-    const { collected, spawned, time_s: time, ghosts_caught: caught } = round.snapshots.at(-1);
+  #record(round) {
+    const { setup, engine: { facts }, snapshots: frames } = round;
+    const { collected, spawned, ghosts_caught: caught } = frames.at(-1);
+    const time_s = Math.round(100 * frames.at(-1).time_s) / 100;
     const goals = round.choices.map(([goal]) => goal);
-    const [story, time_s] = [++this.#count.story, Math.round(100 * time) / 100];
+    const decisions = [...goals.keys()].filter((tick) => goals[tick] !== goals[tick - 1]);
     const entry = {
-      story, result, seed, collected, spawned, time_s, ticks, worse, moves, hash, configuration, parts: [],
-      policies: ["ppo"], player: round.byPerson ? "person" : "policy", second: null, ghosts_played: played,
-      decisions: [...goals.keys()].filter((tick) => goals[tick] !== goals[tick - 1]), map: setup.map,
-      catcher: round.catcher < 0 ? null : round.catcher, ghosts_caught: caught, revision: this.#count.revision,
-      link: this.scene.link,
+      story: ++this.#count.story, result: round.result, seed: setup.seed, collected, spawned, time_s,
+      ticks: round.ticks, parts: [], worse: round.worse, moves: round.moves, decisions,
+      player: round.byPerson ? "person" : "policy",
+      policies: ["ppo"], second: null, ghosts_played: round.played, catcher: round.catcher < 0 ? null : round.catcher,
+      ghosts_caught: caught, map: setup.map, hash: facts.hash, configuration: facts.configuration,
+      revision: this.scene.revision, link: this.scene.link,
     };
-    this.#stories = [{ entry, goals, setup, frames: round.snapshots }, ...this.#stories].slice(0, KEPT);
-    this.#add({ story, words: `${result}: ${collected} of ${spawned} pellets in ${time_s} s` });
-    return story;
+    this.#stories = [{ entry, goals, setup, frames }, ...this.#stories].slice(0, KEPT);
+    this.#add({ story: entry.story, words: `${round.result}: ${collected} of ${spawned} pellets in ${time_s} s` });
+    return entry.story;
   }
 
   #story(number) {
@@ -272,28 +264,25 @@ export class Match {
   }
 
   // The present setup with the changes of a message.
-  #changed({ map, level, ghosts, clyde_mps: speed, seed, settings = null, preset, policy }) {
+  #changed({ map, level = null, ghosts, clyde_mps: speed, seed, settings, preset, policy }) {
     const { choices: { maps, levels, behaviours } } = this.hello;
-    const now = this.setup;
-    const setup = {
-      map: map ?? now.map, level: level ?? (map ? null : now.level), ghosts: ghosts ?? now.ghosts, seed: seed ?? newSeed(),
-      clyde_mps: speed ?? now.clyde_mps, power: settings ? Number(settings["power.pellets"] ?? 0) > 0 : now.power,
-    };
-    if (setup.map === "generated") setup.level ??= setup.seed % levels;
-    const isGenerated = setup.map === "generated";
+    const setup = { ...this.setup, seed: seed ?? newSeed(), ...(map && { map, level }), ...(ghosts && { ghosts }) };
+    setup.level = level ?? setup.level ?? (setup.map === "generated" ? setup.seed % levels : null);
+    setup.clyde_mps = speed ?? setup.clyde_mps;
+    if (settings) setup.power = Number(settings["power.pellets"] ?? 0) > 0;
     const fine = {
       map: maps.includes(setup.map),
-      level: isGenerated ? isWhole(setup.level, 0, levels) : setup.level === null,
+      level: setup.map === "generated" ? isWhole(setup.level, 0, levels) : setup.level === null,
       ghosts: isWhole(setup.ghosts.length, 1, 5) && setup.ghosts.every((one) => behaviours.includes(one)),
       clyde_mps: setup.clyde_mps >= 0.05 && setup.clyde_mps <= 2,
       seed: isWhole(setup.seed, 0, 2 ** 53),
     };
-    for (const [name, is] of Object.entries(fine)) demand(is, `${name} = ${setup[name]}: cannot be played here`);
-    const fixed = Object.entries(settings ?? {}).map(([name, value]) => [`set.${name}`, value]);
-    for (const [name, value] of [["preset", preset], ["policy", policy], ...fixed]) {
+    for (const name of Object.keys(fine)) demand(fine[name], `${name} = ${setup[name]}: cannot be played here`);
+    const set = Object.entries(settings ?? {}).map(([name, value]) => [`set.${name}`, value]);
+    for (const [name, value = this.rules.get(name)] of [["preset", preset], ["policy", policy], ...set]) {
       const own = this.rules.get(name);
-      const same = [undefined, own].includes(value) || (own && Number(value) === Number(own));
-      demand(same || (name === "set.power.pellets" && !setup.power), `${name} = ${value}: cannot be set without a server`);
+      const same = own !== null && (value === own || Number(value) === Number(own));
+      demand(same || (name === "set.power.pellets" && !setup.power), `${name} = ${value}: needs a server`);
     }
     return setup;
   }
@@ -310,26 +299,26 @@ export class Match {
     },
     reset: () => this.#layOut(),
     pause: ({ on }) => void (this.#options.paused = on),
-    speed: ({ times }) => {
-      demand(this.hello.choices.speeds.includes(times), `speed ${times}: must be one of ${this.hello.choices.speeds}`);
-      this.#options.speed = times;
-    },
+    speed: ({ times }) => void (this.#options.speed = times),
+    stop: () => void (this.#options.stopped = true),
+    release: () => void (this.#options.stopped = false),
     setup: async ({ finish, moves: given, until = 0, ...message }) => {
       const setup = this.#changed(message);
       const moves = { placed: {}, orders: [], ...given };
       const engine = await this.#engine(setup, this.round.engine);
       demand(fits(moves, engine.facts, setup.ghosts.length), "moves: they are of another map, or of other ghosts");
-      if (this.state !== "menu") this.#enter("menu"); // its engine may be needed
-      this.#layOut(setup, await this.#play(this.#newRound(setup, engine, moves.orders), moves, until));
-      const record = (round) => ({ story: this.#record(round, setup) });
-      return finish ? this.#playAside(record, setup, this.round.played, moves) : null;
+      const round = this.#newRound(setup, engine, moves.orders);
+      round.replay(moves, until);
+      this.#layOut(setup, round);
+      const record = (played) => ({ story: this.#record(played) });
+      return finish ? this.#playAside(record, setup, round.played, moves) : null;
     },
     clyde_speed: ({ mps }) => {
       const setup = this.#changed({ clyde_mps: mps, seed: this.setup.seed });
       if (this.state === "menu") this.#layOut(setup);
       else this.setup = setup;
     },
-    place_clyde: ({ x, y, ghost = 0 }) => {
+    place_clyde: ({ x, y, ghost }) => {
       demand(this.state === "menu", "ghosts can be placed only in the menu: press Reset first");
       demand(isWhole(ghost, 0, this.setup.ghosts.length), `there is no ghost ${ghost}`);
       this.round.placeGhost(ghost, x, y);
@@ -349,18 +338,12 @@ export class Match {
       demand(this.#role === "robot" || round.played.includes(ghost), "choose a role first, in the menu");
       demand(isWhole(candidate ?? 0, -1, hold + 1), `candidate ${candidate}: must be 0 to ${hold}`);
       const place = engine.facts.candidates[candidate] ?? [x, y];
-      if (candidate === -1 || candidate === hold) this.#goal = null;
-      else if (ghost !== null) this.#goal = follow ? FOLLOW : round.ghostCell(ghost, ...place);
-      else {
-        const nearest = candidate ?? round.nearest(x, y);
-        demand(nearest !== null, "no pellet or refuge within 1 m");
-        this.#goal = nearest;
-      }
-      this.#hand = null;
+      const nearest = () => (ghost === null ? candidate ?? round.nearest(x, y) : round.ghostCell(ghost, ...place));
+      const goal = follow ? FOLLOW : candidate === -1 || candidate === hold ? undefined : nearest();
+      demand(goal !== null, "no pellet or refuge within 1 m");
+      [this.#goal, this.#hand] = [goal ?? null, null];
     },
     drive: ({ v, omega }) => void (this.#hand = { velocity: [v, omega], time: this.#now }),
-    stop: () => this.#stop(true),
-    release: () => this.#stop(false),
     watch: ({ why }) => void (this.#why = why),
     stories: () => this.#stories.map(({ entry }) => entry),
     story: async ({ story }) => {
@@ -374,12 +357,6 @@ export class Match {
     },
     ready: () => [{ name: "map", state: "ok", words: `${this.setup.map}: ${this.round.pellets} pellets` }],
   };
-
-  #stop(stopped) {
-    Object.assign(this.#options, { stopped });
-    this.#hand = null;
-    this.#add({ words: stopped ? "stopped" : "released" });
-  }
 
   // The prepared round as ppo plays it.
   async #demo() {

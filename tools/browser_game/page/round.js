@@ -22,8 +22,9 @@ export class Round {
   #sent = {};
 
   // `played` are the numbers of the ghosts that people may send.
-  constructor(engine, { seed, ghosts, clyde_mps: speed, power }, played = []) {
-    Object.assign(this, { engine, seed, behaviours: ghosts, speed, power, played });
+  constructor(engine, setup, played = []) {
+    const { seed, ghosts, clyde_mps: speed, power } = setup;
+    Object.assign(this, { engine, setup, behaviours: ghosts, power, played });
     const { facts } = engine;
     engine.layOut(ghosts.length);
     this.pellets = facts.pellets;
@@ -198,8 +199,8 @@ export class Round {
     const places = this.behaviours.map((_, k) => [ghost(k, "x"), ghost(k, "y")]);
     const time_s = game("step") * engine.facts.physics_step_s;
     return {
-      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"), spawned: this.pellets,
-      goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
+      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"),
+      spawned: this.pellets, goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
       velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
       alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
       ...(this.caught ? { ...this.#caughtFields(places, time_s, alive), ghosts_caught: game("caught") } : {}),
