@@ -11,7 +11,7 @@ const host = {
   now: () => time,
   post: (text) => sent.push(JSON.parse(text)),
 };
-const match = new Match(host);
+const match = new Match();
 const of = (kind) => sent.filter((message) => message.kind === kind);
 const news = () => of("news").flatMap(({ items }) => items);
 let id = 0;
@@ -31,7 +31,7 @@ async function until(state, act = () => null) {
 }
 
 const results = {};
-await match.begin();
+await match.begin(host);
 results.kinds = sent.map(({ kind }) => kind);
 match.advance();
 results.first = of("frame")[0].state;
@@ -79,7 +79,7 @@ results.ghostSame = JSON.stringify(await frames(results.ghost.story))
 await ask({ do: "role", role: "none" });
 
 // Refusals change nothing.
-const before = JSON.stringify([match.setup, match.round.seed, match.state]);
+const before = JSON.stringify([match.setup, match.round.setup.seed, match.state]);
 results.refusals = [];
 for (const message of [
   { do: "setup", map: "moon" }, { do: "setup", map: "generated", level: 3 }, { do: "setup", map: "generated", level: 20 },
@@ -88,12 +88,12 @@ for (const message of [
   { do: "setup", policy: "clyde_aware" }, { do: "setup", moves: { orders: [[0, { goal: 999 }]] } },
   { do: "setup", moves: { orders: [[0, { ghosts: { 3: 1 } }]] } }, { do: "setup", moves: { orders: 3 } },
   { do: "goal", candidate: 1 }, { do: "role", role: "ghost-7" }, { do: "place_clyde", x: 0, y: 0, ghost: 5 },
-  { do: "why", story: 99, tick: 0 }, { do: "speed", times: 50 }, { do: "constructor" }, { do: "story", story: 99 },
+  { do: "why", story: 99, tick: 0 }, { do: "constructor" }, { do: "story", story: 99 },
 ]) {
   const { ok, words } = await ask(message);
   results.refusals.push(ok ? null : words);
 }
-results.unchanged = before === JSON.stringify([match.setup, match.round.seed, match.state]);
+results.unchanged = before === JSON.stringify([match.setup, match.round.setup.seed, match.state]);
 
 // Placed ghosts, a demo of another round, stop and release.
 await ask({ do: "place_clyde", x: match.scene.pellets[3][0], y: match.scene.pellets[3][1], ghost: 1 });

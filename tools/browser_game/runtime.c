@@ -80,10 +80,12 @@ void take_body(int64_t address, int64_t numbers) {
 }
 
 // Makes Chipmunk's objects for `HANDLES` of world/navigation/physics.py, and the shapes of walls.
-void make_contacts(int64_t *handles, int64_t *segments, int count, double *given, double *taken, double radius_m,
+void make_contacts(int64_t *handles, int64_t *segments, double *given, double *taken, int count, double radius_m,
                    double mass_kg, double slop_m) {
   static int32_t unused;  // pymunk's batches count numbers here
-  cpSpace *space = cpSpaceNew();
+  static cpSpace *space;  // of the last round
+  if (space) cpSpaceFree(space);
+  space = cpSpaceNew();
   cpSpaceSetCollisionSlop(space, slop_m);
   cpBody *body = cpSpaceAddBody(space, cpBodyNew(mass_kg, INFINITY));
   handles[0] = (intptr_t)space, handles[1] = (intptr_t)body;

@@ -16,7 +16,8 @@ export async function gunzip(bytes) {
 export async function unpack(bytes) {
   const content = await gunzip(bytes);
   const length = new DataView(content.buffer).getUint32(0, true);
-  return { header: JSON.parse(new TextDecoder().decode(content.subarray(4, 4 + length))), stored: content.subarray(4 + length) };
+  const header = new TextDecoder().decode(content.subarray(4, 4 + length));
+  return { header: JSON.parse(header), stored: content.subarray(4 + length) };
 }
 
 // The bytes of an array from its stored form (`Entry` in image.py).
@@ -77,7 +78,8 @@ export class Engine {
     const place = (name) => this.#array("contacts", name)[0];
     const { radius_m: radius, mass_kg: mass, slop_m: slop } = this.facts.body;
     const [count] = this.#array("contacts", "segments")[2];
-    this.exports.make_contacts(place("handles"), place("segments"), count, place("given"), place("taken"), radius, mass, slop);
+    const places = ["handles", "segments", "given", "taken"].map(place);
+    this.exports.make_contacts(...places, count, radius, mass, slop);
   }
 
   #array(table, name) {

@@ -16,14 +16,15 @@ const sameOrders = (one, other) => JSON.stringify(one) === JSON.stringify(other)
 export class Round {
   ticks = 0;
   byPerson = false;
-  moves = { placed: {}, orders: [] };
+  moves = {}; // placed ghosts and orders, as pacman_env/web/orders.py has them
   worse = []; // ticks at which a person chose a more dangerous goal than the planner
   choices = []; // goal and the planner's choice, as page numbers, of each tick
   #sent = {};
 
   // `played` are the numbers of the ghosts that people may send.
-  constructor(engine, { seed, ghosts, clyde_mps: speed, power }, played = []) {
-    Object.assign(this, { engine, seed, behaviours: ghosts, speed, power, played });
+  constructor(engine, setup, played = []) {
+    const { seed, ghosts, clyde_mps: speed, power } = setup;
+    Object.assign(this, { engine, setup, behaviours: ghosts, power, played });
     const { facts } = engine;
     engine.layOut(ghosts.length);
     this.pellets = facts.pellets;
@@ -96,7 +97,8 @@ export class Round {
   }
 
   #note(orders) {
-    if (!sameOrders(orders, this.moves.orders.at(-1)?.[1] ?? {})) this.moves.orders.push([this.ticks, orders]);
+    const { orders: noted = [] } = this.moves;
+    if (!sameOrders(orders, noted.at(-1)?.[1] ?? {})) this.moves.orders = [...noted, [this.ticks, orders]];
   }
 
   #sendGhosts() {
@@ -143,7 +145,7 @@ export class Round {
   replay(moves, ticks = Infinity) {
     if (!this.ticks) for (const [k, place] of Object.entries(moves?.placed ?? {})) this.placeGhost(Number(k), ...place);
     while (!this.over && this.ticks < ticks) {
-      this.step(moves?.orders.findLast(([tick]) => tick <= this.ticks)?.[1]);
+      this.step(moves?.orders?.findLast(([tick]) => tick <= this.ticks)?.[1]);
     }
   }
 
@@ -151,7 +153,7 @@ export class Round {
   placeGhost(number, x, y) {
     const cell = this.#nearestCell(x, y, () => true);
     this.engine.call("place_ghost", number, cell);
-    this.moves.placed[number] = [...this.#cell(cell)];
+    this.moves.placed = { ...this.moves.placed, [number]: [...this.#cell(cell)] };
     this.#observe();
     this.snapshots = [this.#snapshot()];
   }
@@ -197,8 +199,8 @@ export class Round {
     const places = this.behaviours.map((_, k) => [ghost(k, "x"), ghost(k, "y")]);
     const time_s = game("step") * engine.facts.physics_step_s;
     return {
-      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"), spawned: this.pellets,
-      goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
+      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"),
+      spawned: this.pellets, goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
       velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
       alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
       ...(this.caught ? { ...this.#caughtFields(places, time_s, alive), ghosts_caught: game("caught") } : {}),

@@ -11,7 +11,7 @@ async function read(path) {
 }
 
 const pause = () => new Promise((resolve) => { setTimeout(resolve); });
-const match = new Match({ read, pause, now: () => performance.now(), post: (text) => postMessage(text) });
+const match = new Match();
 onmessage = ({ data }) => match.receive(data);
 setInterval(() => match.advance(), FRAME_MS);
-match.begin();
+match.begin({ read, pause, now: () => performance.now(), post: (text) => postMessage(text) });
