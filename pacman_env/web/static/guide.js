@@ -3,6 +3,7 @@
 import { palette } from "./colours.js";
 import { $, make } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
+import { leds } from "./effects.js";
 import { View } from "./view.js";
 
 const VIEW = Object.assign(new View(), { width: 40, height: 36, scale: 62 });
@@ -45,7 +46,7 @@ function entries({ ghosts, power }, source) {
 }
 
 function drawn(shown) {
-  if (!shown) return make("div", { class: "ring" }, ...Array.from({ length: 6 }, () => make("i")));
+  if (!shown) return make("div", { class: "ring" }, ...leds());
   const ratio = Math.min(3, devicePixelRatio || 1);
   const canvas = make("canvas", { width: VIEW.width * ratio, height: VIEW.height * ratio, "aria-hidden": "true" });
   const painter = new Painter(canvas, VIEW);
