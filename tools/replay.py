@@ -55,7 +55,7 @@ def write(folder: Path) -> None:
     style = "".join(path.read_text(encoding="utf-8") for path in sources)
     style = re.sub(r":root(\[[^]]*\])", r":host(\1)", style).replace(":root", ":host")  # of a shadow root
     texts = f"style: {json.dumps(style)},\nmarkup: {json.dumps(markup)}"
-    modules = bundle("map", "map_controls", "why", "player", "state", "dom")
+    modules = bundle("map", "why", "player", "state", "dom")
     page = f"{{ {texts},\nmodules: {modules} }}"
     for name, value in {"page": page, "rounds": f'"{base64.b64encode(packed).decode()}"'}.items():
         (folder / f"replay_{name}.js").write_text(f"window.replay_{name} = {value};\n", encoding="utf-8")

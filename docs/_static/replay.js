@@ -4,11 +4,10 @@
 const MARK_COLOUR = "#e0407f";
 const systemIsDark = matchMedia("(prefers-color-scheme: dark)");
 const { markup, modules, style } = window.replay_page;
-const { GameMap } = modules.map;
+const { GameMap, setUpMapControls } = modules.map;
 const { Player } = modules.player;
 const { PageState } = modules.state;
 const { WhyTable } = modules.why;
-const { setUpMapControls } = modules.map_controls;
 const { clock, make, setIcons, still, write } = modules.dom;
 const webPage = new DOMParser().parseFromString(markup, "text/html");
 

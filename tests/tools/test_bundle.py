@@ -10,6 +10,6 @@ __all__ = ["chromium"]
 
 def test_bundled_modules_start_on_empty_page(chromium: Any) -> None:
     with chromium.new_context() as context:
-        names = context.new_page().evaluate(f"Object.keys({bundle('map', 'map_controls', 'why', 'player')})")
-    assert {"map", "map_controls", "why", "player", "state", "dom"} <= set(names)
+        names = context.new_page().evaluate(f"Object.keys({bundle('map', 'why', 'player')})")
+    assert {"map", "why", "player", "state", "dom"} <= set(names)
     assert not {"page", "connection", "notices"} & set(names), "these belong to one document"

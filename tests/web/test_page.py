@@ -80,7 +80,7 @@ def test_round_is_paused_resumed_and_reset(visit: Visit) -> None:
     page.press("place")
     page.click_at(x, y)
     page.wait(f"Math.hypot(state.frame.ghosts[0][0] - {x}, state.frame.ghosts[0][1] - {y}) < 0.3", "Clyde is placed")
-    assert page.value("state.placing") is False
+    assert page.value("state.placing") == ""
     start(page)
     page.press("pause")
     page.wait("state.frame.paused")
@@ -401,7 +401,7 @@ def test_alert_asks_for_robot_pose(simulated: SimulatedGame, visit: Visit, monke
     (pose,) = asked
     assert isinstance(pose, page_messages.SetPose)
     assert (pose.x, pose.y, pose.heading) == pytest.approx((x, y, math.pi / 2), abs=0.1)
-    page.wait("state.posing === ''")
+    page.wait("state.placing === ''")
     page.press("continue")
     page.until(lambda: len(asked) == 2, "to continue")
     alerts.append({"kind": "silent", "words": "a node does not respond", "remedy": "wait", "asks": False})

@@ -1,4 +1,4 @@
-"""Build the page that plays without a server: ``python -m tools.browser_game FOLDER``."""
+"""Build the page that plays without a server: ``python -m tools.browser_game FOLDER [MAP ...]``."""
 
 import gzip
 import sys
@@ -7,14 +7,15 @@ from pathlib import Path
 
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools.browser_game import kernels, maps, module
+from tools.browser_game import kernels, maps, module, page
 from tools.browser_game.image import Image, flat, save
+from tools.common import ROOT
 
 PLACES = *shipped_maps(), *(f"generated-{level}" for level in range(20))
 
 
 def build(folder: Path, work: Path, places: Sequence[str] = PLACES) -> None:
-    """Write the files of the page into a folder; ``work`` keeps what a later build can use again."""
+    """Write the files of the game into a folder; ``work`` keeps what a later build can use again."""
     (folder / "maps").mkdir(parents=True, exist_ok=True)
     work.mkdir(parents=True, exist_ok=True)
     called = kernels.called_functions()
@@ -33,4 +34,6 @@ def build(folder: Path, work: Path, places: Sequence[str] = PLACES) -> None:
 
 
 if __name__ == "__main__":
-    build(Path(sys.argv[1]), Path("build/browser_game"))
+    folder, places = Path(sys.argv[1]), sys.argv[2:] or PLACES
+    build(folder / "game", ROOT / "build" / "browser_game", places)
+    page.write(folder, places)

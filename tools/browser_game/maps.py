@@ -11,7 +11,7 @@ from pacman_env.levels.level import COARSE_MAP, PREDICTION, Level
 from pacman_env.observations import planner_features
 from pacman_env.observations.planner_columns import CANDIDATE_FEATURES, GLOBAL_FEATURES
 from pacman_env.observations.situation_writer import new_situation, situation_stage
-from pacman_env.policies.learned import LearnedPlanner
+from pacman_env.policies.learned import _SHOWN, LearnedPlanner
 from pacman_env.sim.ghost_state import BEHAVIOUR_NAMES
 from pacman_env.sim.parameters import draw_episodes
 from pacman_env.web.played_round import PlayedRound
@@ -82,6 +82,7 @@ def write(map: str, level: int | None, planner: LearnedPlanner, network: Image, 
         stored += more
         tables = {name: _table(table, image, records) for name, table in _tables(one).items()}
         header["rounds"].append({"end": image.end, "entries": parts, "tables": tables})
+    path.with_suffix(".png").write_bytes(scene_of(rounds[0].played, rounds[0].rules, 1).picture)
     save(path, {**header, "records": {name: _record(dtype) for dtype, name in records.items()}}, stored)
 
 
@@ -97,7 +98,10 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
         "behaviours": BEHAVIOUR_NAMES,
         "ends": [end.word for end in ENDS],
         "columns": len(CANDIDATE_FEATURES),
-        "caught": CANDIDATE_FEATURES.index("caught"),
+        "terms": {name: CANDIDATE_FEATURES.index(name) for name in _SHOWN},
+        "cells": len(played.assets.clyde.position),
+        "hash": played.assets.occupancy.hash,
+        "configuration": played.config.hash,
         "return_s": config.power.return_s,
         "ghost_points": config.power.ghost_points,
         "physics_step_s": config.physics_step_s,
@@ -107,7 +111,7 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
             "mass_kg": config.robot.mass_kg,
             "slop_m": physics._COLLISION_SLOP_M,
         },
-        "scene": scene.facts,
+        "scene": scene.facts | {"second": None},
     }
 
 

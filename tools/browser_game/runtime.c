@@ -39,17 +39,17 @@ int32_t numba_attempt_nocopy_reshape(int64_t axes, const int64_t *lengths, const
 }
 
 // Errors of Numba, which end the game: kernels raise none for valid input.
-#define FAIL(name) \
-  void name(void) { __builtin_trap(); }
-FAIL(NRT_MemInfo_new_varsize_dtor)
-FAIL(numba_unpickle)
-FAIL(numba_runtime_build_excinfo_struct)
-FAIL(numba_do_raise)
-FAIL(PyBytes_FromStringAndSize)
-FAIL(PyErr_SetString)
-FAIL(PyUnicode_FromKindAndData)
-FAIL(PyObject_Hash)
-FAIL(PyTuple_Pack)
+#define FAIL(result, name, ...) \
+  result name(__VA_ARGS__) { __builtin_trap(); }
+FAIL(void *, NRT_MemInfo_new_varsize_dtor, int64_t, void *)
+FAIL(void *, numba_unpickle, void *, int32_t, void *)
+FAIL(void *, numba_runtime_build_excinfo_struct, void *, void *)
+FAIL(void, numba_do_raise, void *)
+FAIL(void *, PyBytes_FromStringAndSize, void *, int64_t)
+FAIL(void, PyErr_SetString, void *, void *)
+FAIL(void *, PyUnicode_FromKindAndData, int32_t, void *, int64_t)
+FAIL(int64_t, PyObject_Hash, void *)
+FAIL(void *, PyTuple_Pack, int64_t, void *)
 void *PyExc_RuntimeError;
 
 void cpMessage(const char *condition, const char *file, int line, int is_error, int is_hard, const char *text, ...) {}
@@ -80,10 +80,12 @@ void take_body(int64_t address, int64_t numbers) {
 }
 
 // Makes Chipmunk's objects for `HANDLES` of world/navigation/physics.py, and the shapes of walls.
-void make_contacts(int64_t *handles, int64_t *segments, int count, double *given, double *taken, double radius_m,
+void make_contacts(int64_t *handles, int64_t *segments, double *given, double *taken, int count, double radius_m,
                    double mass_kg, double slop_m) {
   static int32_t unused;  // pymunk's batches count numbers here
-  cpSpace *space = cpSpaceNew();
+  static cpSpace *space;  // of the last round
+  if (space) cpSpaceFree(space);
+  space = cpSpaceNew();
   cpSpaceSetCollisionSlop(space, slop_m);
   cpBody *body = cpSpaceAddBody(space, cpBodyNew(mass_kg, INFINITY));
   handles[0] = (intptr_t)space, handles[1] = (intptr_t)body;

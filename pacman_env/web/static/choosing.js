@@ -1,7 +1,6 @@
 // Goals of a player: by click, by keys on the map, and by a list of the nearest pellets.
 
-import { $, button, isShortcut, make, write } from "./dom.js";
-import { notice } from "./notices.js";
+import { $, button, isShortcut, make, notice, write } from "./dom.js";
 import { robotPose } from "./state.js";
 import { FORWARD_LEFT } from "./steering.js";
 
@@ -17,9 +16,8 @@ export class Choosing {
   #arrow = {}; // the pellet chosen last by an arrow key: {candidate, key, time}
   #goTo = (place) => this.game.request({ do: "goal", ...place });
 
-  // `place` is called with a place that is clicked to set a pose or to place a ghost.
-  constructor(state, game, map, place) {
-    Object.assign(this, { state, game, map, place });
+  constructor(state, game, map) {
+    Object.assign(this, { state, game, map });
     state.on("tap", (tap) => this.#choose(tap));
     state.on("choose", (candidate) => state.role === "robot" && !state.story && this.#goTo({ candidate }));
     addEventListener("keydown", (event) => this.#press(event));
@@ -32,8 +30,8 @@ export class Choosing {
   }
 
   #choose({ world, candidate }) {
-    const { posing, placing, story, role } = this.state;
-    if (posing || placing) this.place(world);
+    const { place, story, role } = this.state;
+    if (place) place(world);
     else if (story) return;
     else if (role === "robot" && candidate >= 0) this.#goTo({ candidate });
     else if (role.startsWith("ghost") && this.map.isRobotAt(world)) this.#goTo({ follow: true });
@@ -43,9 +41,9 @@ export class Choosing {
 
   #press(event) {
     const { code, key, target, defaultPrevented } = event;
-    const { posing, placing, role, story } = this.state;
+    const { placing, role, story } = this.state;
     if (defaultPrevented || story || !isShortcut(event)) return; // keys that steer are no choice
-    const pointing = posing || placing || role.startsWith("ghost");
+    const pointing = placing || role.startsWith("ghost");
     const onMap = target === $("top");
     if (role === "robot" && key.startsWith("Arrow") && !placing) {
       event.preventDefault();

@@ -1,12 +1,13 @@
-// The websocket: reopened when it is lost, each answer matched to its request; and requests over HTTP.
+// The websocket, reopened when it is lost, or a worker that runs the game in this browser; and requests over HTTP.
 
-import { stored } from "./dom.js";
-import { notice } from "./notices.js";
+import { notice, stored } from "./dom.js";
 
 const RETRY_MS = [250, 500, 1000, 2000, 4000, 5000];
 const SILENT_MS = 5000;
 export const SLOW_MS = 180000; // within which the server prepares or plays a round
 const FRAME = '{"kind":"frame"'; // its first field
+
+const GAME = document.documentElement.dataset.game; // script of the worker, on a page without a server
 
 export const token = new URLSearchParams(location.search).get("token");
 
@@ -26,6 +27,7 @@ export function address(path) {
 
 // The frames of a finished round.
 export async function fetchFrames(number) {
+  if (GAME) return (await ask({ do: "story", story: number }, SLOW_MS)).data;
   const response = await fetch(address(`story/${number}.json`));
   if (!response.ok) throw new Error(await response.text());
   return response.json();
@@ -46,9 +48,10 @@ export const isOpen = () => socket?.readyState === WebSocket.OPEN;
 
 export function connect(listeners) {
   hooks = listeners;
+  open();
+  if (GAME) return;
   setInterval(checkSilence, 1000);
   addEventListener("online", () => reconnect(0));
-  open();
 }
 
 export function send(message) {
@@ -57,8 +60,8 @@ export function send(message) {
 
 const failed = (words, late = false) => ({ ok: false, words, data: null, late });
 
-// Always resolves, with {ok, words, data}.
-export function ask(message, timeout_ms = 8000) {
+// Always resolves, with {ok, words, data}; without a server the first requests wait until the game has been loaded.
+export function ask(message, timeout_ms = GAME ? SLOW_MS : 8000) {
   const id = ++lastId;
   if (!isOpen()) return Promise.resolve(failed("There is no connection."));
   send({ ...message, id });
@@ -79,12 +82,22 @@ function settle(id, answer) {
   pending.delete(id);
 }
 
+// A worker with what this module uses of a websocket; the texts are the same.
+function startWorker() {
+  const worker = new Worker(GAME, { type: "module" });
+  const onerror = ({ message = "a file is missing" }) => {
+    worker.readyState = WebSocket.CLOSED;
+    worker.onclose({ reason: message });
+  };
+  return Object.assign(worker, { onerror, readyState: WebSocket.OPEN, send: worker.postMessage });
+}
+
 function open() {
   if (socket && socket.readyState <= WebSocket.OPEN) return;
   const url = address("ws");
   url.protocol = url.protocol.replace("http", "ws"); // browsers before 2024 refuse a relative address
   if (again) url.searchParams.set("again", again);
-  const opened = new WebSocket(url.href);
+  const opened = GAME ? startWorker() : new WebSocket(url.href);
   socket = opened;
   noteMessage();
   opened.onmessage = ({ data }) => socket === opened && receive(data);
@@ -113,7 +126,7 @@ function receive(data) {
 function closed(reason) {
   for (const id of pending.keys()) settle(id, failed("The connection was lost."));
   hooks.lost(endReason || reason);
-  reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
+  if (!GAME) reconnect(RETRY_MS[Math.min(retries++, RETRY_MS.length - 1)]);
 }
 
 function reconnect(wait_ms) {

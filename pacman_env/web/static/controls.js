@@ -1,8 +1,7 @@
 // Run the game: Start, Pause, Reset, speed, STOP; its state and result; who has control.
 
 import { ask, isOpen, request } from "./connection.js";
-import { $, clock, make, setIcon, slider, write, writeOrHide } from "./dom.js";
-import { dismiss, notice, question } from "./notices.js";
+import { $, clock, dismiss, make, notice, question, setIcon, slider, write, writeOrHide } from "./dom.js";
 import { state } from "./page.js";
 
 const STOP_TIMEOUT_MS = 900;
@@ -13,7 +12,12 @@ $("reset").onclick = async () => {
   if (!state.roundRuns || await question("Reset ends the current round. Continue?")) request({ do: "reset" });
 };
 $("pause").onclick = () => request({ do: "pause", on: !state.frame?.paused });
-const showSpeed = slider($("speed"), (times) => `×${times}`, (times) => request({ do: "speed", times }), 150);
+// The offered speed nearest to one of the slider.
+const speedOf = (times) => (state.hello?.choices?.speeds ?? [times]).reduce((best, one) => (
+  Math.abs(one - times) < Math.abs(best - times) ? one : best));
+const showSpeed = slider($("speed"), (times) => `×${speedOf(times)}`,
+  (times) => request({ do: "speed", times: speedOf(times) }), 150);
+state.on("hello", ({ choices }) => ($("speed").max = String(choices?.speeds?.at(-1) ?? 50)));
 
 // The figures at the top by id: name, and value in the shown and the newest frame; hidden if undefined.
 const FIGURES = {

@@ -1,12 +1,15 @@
-// The demo: while no person plays, the map shows the prepared round as its policy plays it.
+// The demo: while no person plays, the map shows the prepared round as its policy plays it, and a card offers to play.
 
-import { $, still, stored } from "./dom.js";
+import { $, focusMap, notice, still, stored } from "./dom.js";
+import { switchSound } from "./effects.js";
 
 const SPEED = 4; // times real time
 const IDLE_MS = 30000; // after the end of a round, and after the last action of a person who has control
 const END_MS = 2500; // for which the last frame is shown
 const CHECK_MS = 250;
+const PLAY_SPEED = 3; // times real time
 const SEEN = "pacman_env.seen"; // in the browser's store, once the card was closed
+const SOUND = "pacman_env.sound"; // in the browser's store: whether the player wants sound
 
 export class Demo {
   #acted = -Infinity; // time of the last action
@@ -21,24 +24,41 @@ export class Demo {
     state.on("ended", () => (this.#ended = performance.now()));
     state.on("people role story placing scene frame connection", () => this.#check());
     setInterval(() => this.#check(), CHECK_MS);
+    $("play").onclick = () => this.#play("robot");
+    $("play-clyde").onclick = () => this.#play("ghost-0");
+    $("watch").onclick = () => game.request({ do: "start" });
+    $("welcome-close").onclick = () => { // until the page is loaded again; on a robot for all later visits
+      this.#closed = true;
+      stored("localStorage", SEEN, "yes");
+      this.#check();
+      focusMap();
+    };
+    $("play-sound").checked = stored("localStorage", SOUND) !== "no";
+    $("play-sound").onchange = ({ target }) => stored("localStorage", SOUND, target.checked ? "yes" : "no");
+    state.on("demo", (invites) => ($("welcome").hidden = !invites));
   }
 
-  // Ends the demo until the page is loaded again; on a robot for all later visits.
-  close() {
-    this.#closed = true;
-    stored("localStorage", SEEN, "yes");
-    this.#check();
+  // Takes a role and starts a game that can be won, in one click.
+  async #play(role) {
+    const { game, state } = this;
+    if ($("play-sound").checked) switchSound(true);
+    const hide = notice("Preparing the game.", { key: "setup", stays: true });
+    const setup = { do: "setup", ...state.hello.choices.play[role.split("-")[0]] };
+    const ready = await game.request({ do: "role", role }) && await game.request(setup, game.SLOW_MS)
+      && await game.request({ do: "speed", times: PLAY_SPEED });
+    hide();
+    if (ready) await game.request({ do: "start" });
   }
 
   // Whether no person plays and nothing else is shown.
   get #isIdle() {
-    const { connected, source, scene, frame, role, story, posing, placing, people, me } = this.state;
+    const { connected, source, scene, frame, role, story, placing, people, me } = this.state;
     const mine = people.operator === me;
     const rests = performance.now() - Math.max(this.#ended, mine ? this.#acted : -Infinity) > IDLE_MS;
     const free = (mine || people.operator === null) && role === "none";
     const ready = connected && scene?.preparing === false && frame?.state === "menu" && !frame.stopped;
-    const welcome = source === "simulator" || !stored("localStorage", SEEN);
-    return ready && free && rests && welcome && !story && !posing && !placing && !this.#closed && !$("ask").open;
+    const welcome = source !== "ros" || !stored("localStorage", SEEN);
+    return ready && free && rests && welcome && !story && !placing && !this.#closed && !$("ask").open;
   }
 
   #check() {

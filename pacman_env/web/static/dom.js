@@ -1,4 +1,6 @@
-// Small helpers for the document.
+// Small helpers for the document; short messages, shown and announced; and questions.
+
+const SHOWN_MS = 3500; // at least, of a notice
 
 export const narrow = matchMedia("(max-width: 820px), (max-height: 480px)");
 export const touch = matchMedia("(pointer: coarse)");
@@ -62,12 +64,9 @@ export function stored(storage, key, text) {
   }
 }
 
-const postponed = new Map(); // timers, by element
-
 // Renders what can be clicked, but not while it is pressed: the click on a button that is replaced meanwhile is lost.
 export function renderReleased(element, render) {
-  clearTimeout(postponed.get(element));
-  if (element.matches(":active")) postponed.set(element, setTimeout(() => renderReleased(element, render), 50));
+  if (element.matches(":active")) setTimeout(() => renderReleased(element, render), 50);
   else render();
 }
 
@@ -116,4 +115,30 @@ export function focusMap(element = $("top")) {
 // On a narrow page the panel leaves its place to the map.
 export function showMap() {
   if (narrow.matches) document.body.classList.remove("panel-open");
+}
+
+// Returns the function that closes it. A notice replaces that of the same key, or of the same text.
+export function notice(text, { bad = false, buttons = [], key = text, stays = false } = {}) {
+  const place = $(bad ? "alerts" : "notices");
+  [...place.children].find((other) => other.dataset.key === key)?.remove();
+  const element = make("div", { class: bad ? "notice bad" : "notice", data: { key } }, make("span", { text }),
+    ...buttons.map(([label, onclick]) => button(label, { onclick })));
+  const close = () => element.remove();
+  for (const one of element.querySelectorAll("button")) one.addEventListener("click", close);
+  place.append(element);
+  while (place.children.length > 3) place.firstElementChild.remove();
+  if (!stays) setTimeout(close, SHOWN_MS + 60 * text.length);
+  return close;
+}
+
+export const dismiss = (key) => document.querySelectorAll(`.notice[data-key="${key}"]`).forEach((one) => one.remove());
+
+export function question(text) {
+  const dialog = $("ask");
+  $("ask-words").textContent = text;
+  dialog.returnValue = "";
+  dialog.showModal();
+  return new Promise((resolve) => {
+    dialog.onclose = () => resolve(dialog.returnValue === "yes");
+  });
 }

@@ -8,8 +8,10 @@ const LEDS = 6;
 const VOLUME = 0.07;
 const FADE_S = 0.012;
 
+export const leds = () => Array.from({ length: LEDS }, (_, k) => (
+  make("i", { style: `transform: rotate(${-60 * k}deg) translateY(-155%)` })));
 const rings = [$("ring"), $("ring-large")];
-for (const ring of rings) ring.append(...Array.from({ length: LEDS }, () => make("i")));
+for (const ring of rings) ring.append(...leds());
 let shownRing = "";
 state.on("frame", ({ ring }) => {
   if (JSON.stringify(ring) === shownRing) return;

@@ -3,6 +3,7 @@
 import { palette } from "./colours.js";
 import { $, make } from "./dom.js";
 import { Painter, drawPlaces, drawTop } from "./draw.js";
+import { leds } from "./effects.js";
 import { View } from "./view.js";
 
 const VIEW = Object.assign(new View(), { width: 40, height: 36, scale: 62 });
@@ -14,12 +15,11 @@ const pose = (name) => ({ poses: { ghosts: [], true: AT, [name]: AT } });
 const pellet = (exists, power) => ({ scene: { pellets: [AT], power }, frame: { alive: [exists] } });
 
 // Names of what this game shows, and a small game with nothing else; null: the light ring.
-function entries({ ghosts, power }) {
+function entries({ ghosts, power }, source) {
   const [first] = ghosts;
   return [
     ["robot", pose("robot")],
     ["where it believes it is", { ...pose("believed"), layers: { believed: true } }],
-    ["policy's robot, while you play", pose("baseline")],
     ...ghosts.map(({ name, behaviour, colour }) => [`${name}: ${behaviour}`, ghost({ colour })]),
     ["a ghost catches the robot in here", ghost({ colour: first?.colour, catch_m: 0.26 }, { catch: true })],
     ["pellet", pellet(true)],
@@ -39,12 +39,14 @@ function entries({ ghosts, power }) {
     }],
     ["refuge", { scene: { refuges: [AT] } }],
     ["home", { scene: { home: AT } }],
-    ["light ring of the robot", null],
+    ...source === "browser" ? [] : [
+      ["policy's robot, while you play", pose("baseline")], ["light ring of the robot", null],
+    ],
   ];
 }
 
 function drawn(shown) {
-  if (!shown) return make("div", { class: "ring" }, ...Array.from({ length: 6 }, () => make("i")));
+  if (!shown) return make("div", { class: "ring" }, ...leds());
   const ratio = Math.min(3, devicePixelRatio || 1);
   const canvas = make("canvas", { width: VIEW.width * ratio, height: VIEW.height * ratio, "aria-hidden": "true" });
   const painter = new Painter(canvas, VIEW);
@@ -69,7 +71,7 @@ export class Guide {
 
   #show() {
     if ($("guide").hidden || !this.state.scene) return;
-    const rows = entries(this.state.scene).map(([text, shown]) => make("li", {}, drawn(shown), text));
+    const rows = entries(this.state.scene, this.state.source).map(([text, shown]) => make("li", {}, drawn(shown), text));
     $("guide-key").replaceChildren(...rows);
   }
 

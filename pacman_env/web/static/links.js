@@ -1,14 +1,17 @@
 // Links and files of rounds: the setup, and what people ordered, behind the # of the page's address.
 
-import { $, make } from "./dom.js";
+import { $, make, notice, question } from "./dom.js";
 import { showResult } from "./end.js";
-import { notice, question } from "./notices.js";
 
 const FORMAT = "pacman_env round";
 
 const fieldsOf = (hash) => Object.fromEntries(new URLSearchParams(hash.replace(/^#/, "")));
 const pack = (value) => btoa(JSON.stringify(value)).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
 const unpack = (text) => JSON.parse(atob(text.replaceAll("-", "+").replaceAll("_", "/")));
+
+// A setting of a link: a number, true, false, or a text.
+const valueOf = (text) => (text && Number.isFinite(Number(text)) ? Number(text)
+  : { true: true, false: false }[text.toLowerCase()] ?? text);
 
 export class Links {
   opening = false; // whether a link's round is being prepared or opened
@@ -68,19 +71,13 @@ export class Links {
     input.value = "";
   }
 
-  #settingOf(name, text) {
-    const type = this.state.hello.choices?.settings?.find((setting) => setting.name === name)?.type;
-    if (type === "number" || type === "integer") return Number(text);
-    return type === "bool" ? text.toLowerCase() === "true" : text;
-  }
-
   // The setup of a link; null if it is no round.
   #setupOf(link) {
     const fields = fieldsOf(link);
     const { seed, level, tick, clyde, ghosts, map, preset, policy, second, moves } = fields;
     if (seed === undefined) return null;
     const set = Object.entries(fields).filter(([field]) => field.startsWith("set."))
-      .map(([field, value]) => [field.slice(4), this.#settingOf(field.slice(4), value)]);
+      .map(([field, value]) => [field.slice(4), valueOf(value)]);
     return {
       do: "setup", finish: (tick ?? moves) !== undefined, seed: Number(seed), level: level && Number(level), map, preset,
       policy, second, clyde_mps: clyde && Number(clyde), ghosts: ghosts?.split(","), settings: Object.fromEntries(set),

@@ -5,24 +5,21 @@ import { setUpTheme } from "./colours.js";
 import * as game from "./connection.js";
 import "./controls.js";
 import { Demo } from "./demo.js";
-import { $, clock, facts, isShortcut, make, narrow, setIcons, write, writeOrHide } from "./dom.js";
+import { $, clock, facts, isShortcut, make, narrow, notice, setIcons, write, writeOrHide } from "./dom.js";
 import { sounds } from "./effects.js";
 import { Guide } from "./guide.js";
-import { GameMap } from "./map.js";
-import { setUpMapControls } from "./map_controls.js";
-import { notice } from "./notices.js";
+import { GameMap, setUpMapControls } from "./map.js";
 import { state } from "./page.js";
-import { poseRobot } from "./pose.js";
 import { Roles } from "./roles.js";
-import { placeGhost } from "./setup.js";
+import "./setup.js";
 import { robotPose } from "./state.js";
 import { Steering } from "./steering.js";
 import { Stories } from "./stories.js";
-import { Welcome } from "./welcome.js";
 import { WhyTable } from "./why.js";
 
 const MOST_LOG = 60;
 const DESCRIBE_MS = 2000;
+const GAMES = { ros: "the robot", simulator: "the simulator", browser: "the simulator, in this browser" };
 const READINESS = { ok: "✓ Ready", warning: "! Warning", bad: "✗ Not ready" };
 
 let newest = ""; // JSON of the newest frame
@@ -35,16 +32,18 @@ const map = new GameMap(document, state, { address: (url) => game.address(url).h
 setUpMapControls(map);
 new WhyTable(document, state);
 new Roles(state, game, new Steering(state, game));
-new Choosing(state, game, map, (place) => (state.posing ? poseRobot(place) : placeGhost(place)));
+new Choosing(state, game, map);
 new Stories(state, game, map);
 state.on("ended", (result) => result !== "timeout" && map.showEnd(result !== "caught"));
 const guide = new Guide(state);
-new Welcome(state, game, new Demo(state, game, map));
+new Demo(state, game, map);
 window.pacman = { count: state.count, state, sounds, view: map.view };
 
 function lost(reason) {
   if (!$("lost").classList.contains("loud")) {
-    write($("lost"), `No connection to the server${reason ? ` (${reason})` : ""}. The page tries again by itself.`);
+    const [what, remedy] = state.source === "browser" ? ["The game has failed", "Reload the page"]
+      : ["No connection to the server", "The page tries again by itself"];
+    write($("lost"), `${what}${reason ? ` (${reason})` : ""}. ${remedy}.`);
   }
   $("lost").hidden = false;
   write($("state"), "No connection");
@@ -175,7 +174,7 @@ async function checkReadiness() {
 $("ready-check").onclick = checkReadiness;
 state.on("tab hello", () => state.connected && !$("panel-ready").hidden && checkReadiness());
 state.on("hello", ({ version, source, access, you }) => $("about").replaceChildren(...facts([
-  ["Version", version], ["Game", source === "ros" ? "the robot" : "the simulator"], ["Your name", you],
+  ["Version", version], ["Game", GAMES[source]], ["Your name", you],
   ["Access", access === "operator" ? "operator: can run the game" : "viewer: can view, and STOP"],
 ])));
 

@@ -1,15 +1,13 @@
-// The live map: canvases, view, layers, and when to draw.
+// The live map: canvases, view, layers, when to draw, and its gestures, buttons and list of layers.
 
-import { cardsOn, insetsOf, isCovered } from "./cards.js";
 import { palette } from "./colours.js";
-import { still } from "./dom.js";
+import { make, still } from "./dom.js";
 import { Painter, drawBase, drawTop } from "./draw.js";
-import { Motion } from "./motion.js";
 import { MapPicture, boundsOf } from "./picture.js";
 import { robotPose } from "./state.js";
-import { View } from "./view.js";
+import { View, cardsOn, insetsOf, isCovered, setUpGestures } from "./view.js";
 
-export const LAYERS = {
+const LAYERS = {
   scores: "Scores as rings", plan: "Plan", trail: "Trail", believed: "Believed pose",
   catch: "Catch radius", names: "Names", lidar: "Lidar",
 };
@@ -18,8 +16,47 @@ const MOST_TRAIL = 3000;
 const FINALE_MS = 1000; // length of the scene at the end of a round
 const STILL_SHARE = 0.4; // of the scene that a page without motion shows
 const NEAR_PX = 24; // between a click and what it means
+const FARTHEST_M = 2.5; // beyond it, something was placed and did not move
+const POSES = ["true", "believed", "baseline"];
 
 const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
+
+function between(from, to, share) {
+  if (share >= 1 || !from || !to || Math.hypot(to[0] - from[0], to[1] - from[1]) > FARTHEST_M) return to;
+  const turn = (a, b) => a + share * Math.atan2(Math.sin(b - a), Math.cos(b - a));
+  const moved = [from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])];
+  return to.length > 2 ? [...moved, turn(from[2], to[2])] : moved;
+}
+
+// Between two messages everything moves evenly from where it is shown to where the last message has it.
+class Motion {
+  #from = null;
+  #since = 0;
+  #wait = 60; // ms between messages, smoothed
+  to = null;
+
+  update(frame, now, jump) {
+    jump ||= !this.to || frame.revision !== this.to.revision || frame.time_s < this.to.time_s;
+    this.#from = jump ? null : this.at(now);
+    this.#wait += 0.2 * (Math.min(250, Math.max(20, now - this.#since)) - this.#wait);
+    this.#since = now;
+    this.to = frame;
+  }
+
+  moving(now) {
+    return this.#from !== null && now - this.#since < this.#wait;
+  }
+
+  at(now) {
+    const { to } = this;
+    if (!to) return { ghosts: [] };
+    const share = this.moving(now) ? (now - this.#since) / this.#wait : 1;
+    const poses = Object.fromEntries(POSES.map((name) => [name, between(this.#from?.[name], to[name], share)]));
+    poses.ghosts = to.ghosts.map((ghost, k) => between(this.#from?.ghosts[k], ghost, share));
+    poses.robot = robotPose(poses);
+    return poses;
+  }
+}
 
 export class GameMap {
   view = new View();
@@ -198,7 +235,7 @@ export class GameMap {
     if (this.#baseChanged) drawBase(this.#base, { picture: this.#picture, scene, colours });
     this.#baseChanged = false;
     const ahead = poses.robot && trail.length ? Math.min(1, distance(poses.robot, trail.at(-1))) : 0;
-    const pointing = state.posing || state.placing || state.role.startsWith("ghost");
+    const pointing = state.placing || state.role.startsWith("ghost");
     drawTop(this.#top, {
       scene, frame, poses, trail, layers, colours, candidate: state.candidate,
       numbered: this.root.getElementById("panel-why").offsetParent, mine: state.story ? "none" : state.role,
@@ -208,4 +245,44 @@ export class GameMap {
     state.count.frames_drawn++;
     if (this.#motion.moving(now) || this.#finale) this.redraw(false);
   }
+}
+
+export function setUpMapControls(map) {
+  const { element, layers, root, state, view } = map;
+  const find = (id) => root.getElementById(id);
+  const [top, list] = [find("top"), find("layers-list")];
+  const openLayers = (open) => {
+    list.hidden = !open;
+    find("layers").setAttribute("aria-expanded", String(open));
+  };
+
+  setUpGestures(top, view, {
+    changed: () => map.redraw(),
+    panned: () => map.follow(false),
+    tapped: (at) => {
+      map.hideCross();
+      state.emit("tap", { world: view.toWorld(...at), candidate: map.candidateAt(at) });
+    },
+    hovered: (at) => {
+      const ghost = state.role.startsWith("ghost"); // which goes anywhere
+      const candidate = at && !ghost ? map.candidateAt(at) : -1;
+      top.classList.toggle("pointing", ghost || (candidate >= 0 && state.role === "robot"));
+      if (candidate !== state.candidate) state.emit("candidate", (state.candidate = candidate));
+    },
+  });
+  state.on("placing", () => top.classList.toggle("placing", Boolean(state.placing)));
+  element.addEventListener("pointerdown", ({ target }) => target === top && openLayers(false));
+  find("zoom-in").onclick = () => map.zoom(1.4);
+  find("zoom-out").onclick = () => map.zoom(1 / 1.4);
+  find("fit").onclick = () => map.fit();
+  find("follow").onclick = () => map.follow(!view.following);
+  find("layers").onclick = () => openLayers(list.hidden);
+  list.append(...Object.entries(LAYERS).map(([name, text]) => make("label", { class: "switch" }, make("input", {
+    type: "checkbox", checked: layers[name], id: `layer-${name}`,
+    onchange: ({ target }) => {
+      layers[name] = target.checked;
+      state.emit("layers");
+      map.redraw(false);
+    },
+  }), make("span", { text }))));
 }

@@ -1,7 +1,6 @@
 // Roles of players: who plays what, and what a player can do now.
 
-import { $, button, make, renderReleased, showMap, touch, write, writeOrHide } from "./dom.js";
-import { notice } from "./notices.js";
+import { $, button, make, notice, renderReleased, showMap, touch, write, writeOrHide } from "./dom.js";
 import { updateControls } from "./page.js";
 
 // What a player can do now.
@@ -39,15 +38,15 @@ export class Roles {
       if (mine !== "none") showMap();
       this.state.emit("role", mine);
     }
-    renderReleased($("roles"), () => this.#showPlayers(players, mine));
+    renderReleased($("roles"), () => this.#showPlayers());
     $("play-robot").hidden = mine !== "robot";
     $("play-ghost").hidden = !mine.startsWith("ghost");
     if (mine.startsWith("ghost")) write($("play-ghost-title"), `You are ${hello.roles[mine].name}`);
     this.#showMode();
   }
 
-  #showPlayers(players, mine) {
-    const { hello, me, scene, source } = this.state;
+  #showPlayers() {
+    const { hello, me, scene, source, role: mine, people: { roles: players } } = this.state;
     const ghosts = source === "ros" ? [] : scene?.ghosts ?? []; // a robot's game has no players of ghosts
     const rows = hello ? [{ role: "robot", ...hello.roles.robot }, ...ghosts] : [];
     const active = document.activeElement?.dataset?.role;
@@ -71,8 +70,7 @@ export class Roles {
     const { frame, hello, me, people, role, story, scene } = this.state;
     const plays = role !== "none" && !story && ["menu", "starting", "running"].includes(frame?.state);
     const player = role === "robot" ? "the robot" : hello?.roles[role]?.name;
-    writeOrHide($("mode"), this.state.posing || (this.state.placing ? "Click where the ghost starts"
-      : plays ? `You are ${player}: ${task(frame, role)}` : ""));
+    writeOrHide($("mode"), this.state.placing || (plays ? `You are ${player}: ${task(frame, role)}` : ""));
     const driver = people.roles?.robot;
     const score = frame?.baseline && driver && !story ? `Pellets: ${driver === me ? "you" : driver} ${frame.collected}, `
       + `${scene?.policy ?? "policy"} ${frame.baseline_collected}` : "";

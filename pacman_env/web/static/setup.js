@@ -1,8 +1,7 @@
-// The current and the next round: a form, map upload, Clyde's speed and place.
+// The current and the next round: a form, map upload, Clyde's speed and place; and on a robot, why it stands and its pose.
 
 import { SLOW_MS, address, request } from "./connection.js";
-import { $, button, facts, make, option, slider, write, writeOrHide } from "./dom.js";
-import { notice, question } from "./notices.js";
+import { $, button, facts, make, notice, option, question, showMap, slider, write, writeOrHide } from "./dom.js";
 import { state, updateControls } from "./page.js";
 import { changedSettings, hasSettings, showPreset, showSettings } from "./settings.js";
 
@@ -26,7 +25,7 @@ function select(list, value) {
 const showLevel = () => (field("level").parentElement.hidden = field("map").value !== "generated");
 
 state.on("hello", ({ choices = {} }) => {
-  const { maps = [], presets = {}, policies = [], settings = [] } = choices;
+  const { maps = [], presets = {}, policies = [], settings = [], levels = 2 ** 31 } = choices;
   [maps, Object.keys(presets), policies, policies].forEach((values, k) => {
     const list = field(SELECTS[k]);
     const chosen = list.value;
@@ -34,6 +33,7 @@ state.on("hello", ({ choices = {} }) => {
     if (values.includes(chosen)) list.value = chosen;
     list.parentElement.hidden = !values.length;
   });
+  field("level").max = String(levels - 1);
   $("setup-ghosts-field").hidden = !behaviours().length;
   $("setup").hidden = !policies.length && !maps.length && !settings.length;
   showSettings(settings);
@@ -167,16 +167,46 @@ const showClydeSpeed = slider($("clyde-speed"), (mps) => `${mps.toFixed(2)} m/s`
   (mps) => request({ do: "clyde_speed", mps }), 250);
 state.on("scene", ({ clyde_speed_mps: mps }) => showClydeSpeed(mps));
 
-function setPlacing(placing) {
-  state.placing = placing;
-  $("place").setAttribute("aria-pressed", String(placing));
-  $("place-words").hidden = !placing;
-  $("place-ghost").parentElement.hidden = !placing || (state.scene?.ghosts.length ?? 0) < 2;
+// Waits for a click on the map, whose place `act` gets; without words it waits no longer.
+function awaitClick(words = "", act = null) {
+  Object.assign(state, { placing: words, place: act, stands: null });
+  const ghost = act === placeGhost;
+  $("place").setAttribute("aria-pressed", String(ghost));
+  $("set-pose").setAttribute("aria-pressed", String(act === poseRobot));
+  $("place-words").hidden = !ghost;
+  $("place-ghost").parentElement.hidden = !ghost || (state.scene?.ghosts.length ?? 0) < 2;
   state.emit("placing");
 }
-$("place").onclick = () => setPlacing(!state.placing);
-state.on("frame", (frame) => state.placing && frame.state !== "menu" && setPlacing(false));
+$("place").onclick = () => (state.placing ? awaitClick() : awaitClick("Click where the ghost starts", placeGhost));
+$("continue").onclick = async () => await request({ do: "continue" }) && awaitClick();
+$("set-pose").onclick = () => {
+  showMap();
+  if (state.placing) awaitClick();
+  else awaitClick("Click where the robot stands", poseRobot);
+};
+state.on("frame", (frame) => state.place === placeGhost && frame.state !== "menu" && awaitClick());
 
-export async function placeGhost([x, y]) {
-  if (await request({ do: "place_clyde", x, y, ghost: Number($("place-ghost").value || 0) })) setPlacing(false);
+async function placeGhost([x, y]) {
+  if (await request({ do: "place_clyde", x, y, ghost: Number($("place-ghost").value || 0) })) awaitClick();
 }
+
+async function poseRobot([x, y]) {
+  const [left, top] = state.stands ?? [];
+  if (left === undefined) {
+    awaitClick("Click a place that it faces", poseRobot);
+    state.stands = [x, y];
+  } else if (await request({ do: "set_pose", x: left, y: top, heading: Math.atan2(y - top, x - left) })) awaitClick();
+}
+
+let shown = ""; // of the alert
+
+state.on("scene", ({ alerts = [] }) => {
+  const asks = alerts.some((one) => one.asks);
+  const words = alerts.map(({ words: what, remedy, asks: answered }) =>
+    `${what[0].toUpperCase()}${what.slice(1)}${answered ? ". Where is the robot?" : `: ${remedy}.`}`);
+  if (words.join("\n") !== shown) $("alert-words").replaceChildren(...words.map((text) => make("p", { text })));
+  shown = words.join("\n");
+  $("alert").hidden = !alerts.length;
+  $("alert-answers").hidden = !asks;
+  if (!asks && state.place === poseRobot) awaitClick();
+});

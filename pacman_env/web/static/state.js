@@ -14,8 +14,8 @@ export class PageState {
   role = "none";
   why = null;
   candidate = -1; // below the mouse pointer
-  placing = false;
-  posing = ""; // what is to be clicked to set the robot's pose
+  placing = ""; // what is to be clicked on the map to place a ghost or to set the robot's pose
+  place = null; // what then gets the place
   stands = null; // where the robot stands, once that was clicked
   count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests
   #listeners = {}; // by topic
@@ -34,7 +34,8 @@ export class PageState {
   }
 
   get shownScene() { return this.story?.scene ?? this.scene; }
-  get source() { return this.hello?.source ?? "simulator"; } // or "ros"
+  // "simulator", "ros", or "browser": the simulator in a worker of the page.
+  get source() { return this.hello?.source ?? (document.documentElement.dataset.game ? "browser" : "simulator"); }
   get me() { return this.hello?.you ?? null; }
   get inControl() { return this.people.operator !== null && this.people.operator === this.me; }
   // Whether this page could take control or has it.

@@ -38,7 +38,7 @@ export class Steering {
   #press(event) {
     const { role, story, placing, source } = this.state;
     if (role !== "robot" || story || placing || !FORWARD_LEFT[event.code] || !isShortcut(event)) return;
-    if (source === "simulator" && event.code.startsWith("Arrow")) return; // they choose pellets
+    if (source !== "ros" && event.code.startsWith("Arrow")) return; // they choose pellets
     event.preventDefault();
     this.#held.add(event.code);
     this.#drive();

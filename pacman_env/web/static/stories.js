@@ -1,9 +1,8 @@
 // Finished rounds: their list, and the open round.
 
-import { $, button, clock, counted, isShortcut, make, renderReleased, write } from "./dom.js";
+import { $, button, clock, counted, isShortcut, make, notice, renderReleased, write } from "./dom.js";
 import { showResult } from "./end.js";
 import { Links } from "./links.js";
-import { notice } from "./notices.js";
 import { Player } from "./player.js";
 import { robotPose } from "./state.js";
 
@@ -126,7 +125,6 @@ export class Stories {
   #showBar(story) {
     $("story-bar").hidden = !story;
     document.body.classList.toggle("replays", Boolean(story));
-    $("ring").hidden = Boolean(story);
     this.#showList();
     if (!story) return;
     const { entry, frames } = story;

@@ -3,8 +3,11 @@
 (function () {
   "use strict";
 
-  var OLDEST = "Use Chrome or Edge 92, Firefox 98, Safari 15.4, or a newer browser.";
+  var local = document.documentElement.hasAttribute("data-game"); // the game runs in the browser, too
+  var versions = local ? "Chrome or Edge 92, Firefox 114, Safari 16.4" : "Chrome or Edge 92, Firefox 98, Safari 15.4";
+  var OLDEST = "Use " + versions + ", or a newer browser.";
   var names = "WebSocket CanvasRenderingContext2D HTMLDialogElement fetch ResizeObserver URLSearchParams".split(" ");
+  if (local) names.push("WebAssembly", "DecompressionStream");
   var missing = names.filter(function (name) { return !window[name]; });
   var shown = false;
 

@@ -7,12 +7,17 @@ const VIEWS = {
 };
 const UNSIGNED = { 1: Uint8Array, 2: Uint16Array, 4: Uint32Array, 8: BigUint64Array };
 
+export async function gunzip(bytes) {
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
 // A file of the build: its header, and the stored arrays behind it.
 export async function unpack(bytes) {
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  const content = new Uint8Array(await new Response(stream).arrayBuffer());
+  const content = await gunzip(bytes);
   const length = new DataView(content.buffer).getUint32(0, true);
-  return { header: JSON.parse(new TextDecoder().decode(content.subarray(4, 4 + length))), stored: content.subarray(4 + length) };
+  const header = new TextDecoder().decode(content.subarray(4, 4 + length));
+  return { header: JSON.parse(header), stored: content.subarray(4 + length) };
 }
 
 // The bytes of an array from its stored form (`Entry` in image.py).
@@ -73,7 +78,8 @@ export class Engine {
     const place = (name) => this.#array("contacts", name)[0];
     const { radius_m: radius, mass_kg: mass, slop_m: slop } = this.facts.body;
     const [count] = this.#array("contacts", "segments")[2];
-    this.exports.make_contacts(place("handles"), place("segments"), count, place("given"), place("taken"), radius, mass, slop);
+    const places = ["handles", "segments", "given", "taken"].map(place);
+    this.exports.make_contacts(...places, count, radius, mass, slop);
   }
 
   #array(table, name) {

@@ -8,20 +8,23 @@ const NEAR_M = 1; // largest distance from a click to its candidate
 const WORSE = 0.1; // a goal is worse if a catch within 10 s is more likely by at least this probability
 const MOST_PLAN_POINTS = 64;
 
+const KINDS = ["pellet", "refuge", "hold"];
+
 const rounded = (value) => (Number.isFinite(value) ? Math.round(value * 1e4) / 1e4 : null);
 const sameOrders = (one, other) => JSON.stringify(one) === JSON.stringify(other);
 
 export class Round {
   ticks = 0;
   byPerson = false;
-  moves = { placed: {}, orders: [] };
+  moves = {}; // placed ghosts and orders, as pacman_env/web/orders.py has them
   worse = []; // ticks at which a person chose a more dangerous goal than the planner
   choices = []; // goal and the planner's choice, as page numbers, of each tick
   #sent = {};
 
   // `played` are the numbers of the ghosts that people may send.
-  constructor(engine, { seed, ghosts, clyde_mps: speed, power }, played = []) {
-    Object.assign(this, { engine, seed, behaviours: ghosts, speed, power, played });
+  constructor(engine, setup, played = []) {
+    const { seed, ghosts, clyde_mps: speed, power } = setup;
+    Object.assign(this, { engine, setup, behaviours: ghosts, power, played });
     const { facts } = engine;
     engine.layOut(ghosts.length);
     this.pellets = facts.pellets;
@@ -94,7 +97,8 @@ export class Round {
   }
 
   #note(orders) {
-    if (!sameOrders(orders, this.moves.orders.at(-1)?.[1] ?? {})) this.moves.orders.push([this.ticks, orders]);
+    const { orders: noted = [] } = this.moves;
+    if (!sameOrders(orders, noted.at(-1)?.[1] ?? {})) this.moves.orders = [...noted, [this.ticks, orders]];
   }
 
   #sendGhosts() {
@@ -111,16 +115,37 @@ export class Round {
   // Whether the planner expects a catch on the way to a goal clearly more often than with its own choice.
   #isWorse(goal) {
     const features = this.engine.array("judge", "candidates");
-    const { columns, caught } = this.engine.facts;
-    const risk = (number) => (this.#allowed(number) ? features[this.numbers[number] * columns + caught] : 0);
+    const { columns, terms } = this.engine.facts;
+    const risk = (number) => (this.#allowed(number) ? features[this.numbers[number] * columns + terms.caught] : 0);
     return risk(goal) - risk(this.best) >= WORSE;
+  }
+
+  // What the planner thinks of each allowed candidate, as the message `why` has it.
+  why() {
+    const { engine, numbers, engine: { facts: { columns, terms, scene } } } = this;
+    const [kind, paths, ghostPaths, [speed], [time_s]] = ["kind", "path_robot", "path_clyde", "clyde_speed", "time_s"]
+      .map((name) => engine.array("situation", name));
+    const [features, logits, [value]] = ["candidates", "logits", "value"].map((name) => engine.array("judge", name));
+    const odds = logits.map((logit) => Math.exp(logit - Math.max(...logits)));
+    const rows = [...numbers.keys()].filter((number) => this.#allowed(number)).map((number) => {
+      const at = numbers[number];
+      const probability = odds[at] / odds.reduce((sum, one) => sum + one, 0);
+      const shown = Object.entries(terms).map(([name, column]) => [name, features[at * columns + column]]);
+      const all = [["score", logits[at]], ["probability", probability], ["value", value], ...shown];
+      return {
+        candidate: number, kind: KINDS[kind[at]], robot_m: rounded(paths[at]),
+        ghost_later_s: rounded(ghostPaths[at] / speed - paths[at] / scene.robot.speed_mps),
+        terms: { ppo: Object.fromEntries(all.map(([name, one]) => [name, rounded(one)])) },
+      };
+    });
+    return { time_s, goal: this.snapshots.at(-1).goal, policies: ["ppo"], chosen: { ppo: this.best }, rows };
   }
 
   // Plays with recorded orders until `ticks` ticks, or to the end.
   replay(moves, ticks = Infinity) {
     if (!this.ticks) for (const [k, place] of Object.entries(moves?.placed ?? {})) this.placeGhost(Number(k), ...place);
     while (!this.over && this.ticks < ticks) {
-      this.step(moves?.orders.findLast(([tick]) => tick <= this.ticks)?.[1]);
+      this.step(moves?.orders?.findLast(([tick]) => tick <= this.ticks)?.[1]);
     }
   }
 
@@ -128,7 +153,7 @@ export class Round {
   placeGhost(number, x, y) {
     const cell = this.#nearestCell(x, y, () => true);
     this.engine.call("place_ghost", number, cell);
-    this.moves.placed[number] = [...this.#cell(cell)];
+    this.moves.placed = { ...this.moves.placed, [number]: [...this.#cell(cell)] };
     this.#observe();
     this.snapshots = [this.#snapshot()];
   }
@@ -174,8 +199,8 @@ export class Round {
     const places = this.behaviours.map((_, k) => [ghost(k, "x"), ghost(k, "y")]);
     const time_s = game("step") * engine.facts.physics_step_s;
     return {
-      kind: "frame", state: "running", time_s, collected: game("collected"), spawned: this.pellets,
-      goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
+      kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"),
+      spawned: this.pellets, goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
       velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
       alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
       ...(this.caught ? { ...this.#caughtFields(places, time_s, alive), ghosts_caught: game("caught") } : {}),
