@@ -170,7 +170,8 @@ export class Match {
   }
 
   #showRole() {
-    const roles = { [this.#role]: this.hello.you };
+    const player = (role) => [role, role === this.#role ? this.hello.you : null];
+    const roles = Object.fromEntries(Object.keys(this.hello.roles).map(player));
     this.#post("people", { viewers: 1, operator: null, away: false, asking: [], roles });
   }
 
