@@ -14,4 +14,5 @@ const pause = () => new Promise((resolve) => { setTimeout(resolve); });
 const match = new Match();
 onmessage = ({ data }) => match.receive(data);
 setInterval(() => match.advance(), FRAME_MS);
-match.begin({ read, pause, now: () => performance.now(), post: (text) => postMessage(text) });
+const host = { read, pause, now: () => performance.now(), post: (text) => postMessage(text) };
+match.begin(host).catch((error) => setTimeout(() => { throw error; })); // which the page is told
