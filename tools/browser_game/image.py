@@ -53,7 +53,9 @@ class Image:
 
     def add_tables(self, tables: Iterable[Table]) -> None:
         """Copy tables with all arrays and tables that they refer to."""
-        known = {one.address: one for one in gc.get_objects() if isinstance(one, Table)}
+        known = {
+            one.address: one for one in gc.get_objects() if type(one) is Table
+        }  # a weak reference has its object's class
         waiting, done = list(tables), set[int]()
         while waiting:
             table = waiting.pop()
