@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.browser_game.firefox import FIREFOX, Firefox
-from tests.browser_game.proof import build_for, rounds, with_orders
+from tests.browser_game.proof import build_page, rounds, with_orders
 from tests.web.browser import chromium, missing  # noqa: F401 - a fixture
 
 #: Short rounds of the proof, on ``house``, ``loop`` and ``generated-14``.
@@ -23,7 +23,7 @@ ROUNDS = [*_SHORT, *(with_orders(one, 5000) for one in _SHORT[::2])]
 
 @pytest.fixture(scope="session")
 def browser_game(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of the game's files, which is built once for all processes of pytest."""
+    """Return the folder of the page, which is built once for all processes of pytest."""
     if not shutil.which("node"):
         missing("Node (apt-get install nodejs)")
     if not importlib.util.find_spec("ziglang"):
@@ -35,7 +35,7 @@ def browser_game(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with (shared / "browser_game.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "libm.so").exists():  # the last file
-            build_for(ROUNDS, folder, Path(__file__).parents[2] / "build" / "browser_game")
+            build_page(ROUNDS, folder)
     return folder
 
 
@@ -46,7 +46,7 @@ class _Quiet(http.server.SimpleHTTPRequestHandler):
 
 @pytest.fixture(scope="session")
 def game_url(browser_game: Path) -> Iterator[str]:
-    """Serve the game's files to this machine."""
+    """Serve the page to this machine."""
     handler = functools.partial(_Quiet, directory=str(browser_game))
     with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
         thread = threading.Thread(target=server.serve_forever)

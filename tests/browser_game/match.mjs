@@ -1,8 +1,8 @@
 // Plays the game of the page in Node by simulated time: `node match.mjs FOLDER`, results as JSON.
 
 import { readFile } from "node:fs/promises";
-import { Match } from "../../tools/browser_game/page/match.js";
 
+const { Match } = await import(`${process.argv[2]}/match.js`);
 const sent = [];
 let time = 0;
 const host = {

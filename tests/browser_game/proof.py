@@ -29,7 +29,8 @@ from numba.core.registry import cpu_target
 from pacman_env.web.orders import FOLLOW, Moves
 from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import PLAY, Choices, Rules
-from tools.browser_game.__main__ import build
+from tools.browser_game import page
+from tools.browser_game.__main__ import PLACES, build
 from tools.common import ROOT
 
 MAPS = "house", "loop", "maze", "open_plan", "generated"
@@ -72,11 +73,15 @@ def with_orders(one: dict[str, Any], places: int, most: int = 60) -> dict[str, A
     return one | {"played": ghosts, "moves": {"placed": {0: [1.0, 1.0]}, "orders": orders}}
 
 
-def build_for(some: Sequence[dict[str, Any]], folder: Path, work: Path) -> None:
-    """Build the maps of some rounds, and add the modules that play them and ``libm.so`` for ``in_python``."""
-    build(folder, work, sorted({one["place"] for one in some}))
-    for source in (*(ROOT / "tools" / "browser_game" / "page").glob("*.js"), _HERE / "rounds.mjs"):
-        shutil.copy(source, folder)
+def build_page(some: Sequence[dict[str, Any]], folder: Path) -> None:
+    """Build the page with the maps of some rounds, rounds.mjs, and the library of ``in_python``.
+
+    The page offers all maps; the others cannot be loaded.
+    """
+    places = sorted({one["place"] for one in some} | {"house"})
+    build(folder / "game", ROOT / "build" / "browser_game", places)
+    page.write(folder, PLACES)
+    shutil.copy(_HERE / "rounds.mjs", folder / "game")
     (folder / "package.json").write_text('{"type": "module"}')
     code, library = folder / "libm.c", folder / "libm.so"
     functions = f"void *functions[] = {{{', '.join(_FUNCTIONS)}}};"
@@ -120,8 +125,8 @@ def _play(one: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_node(some: Sequence[dict[str, Any]], folder: Path) -> list[dict[str, Any]]:
-    """Play rounds in Node with the files of ``build_for``."""
-    command = "node", str(folder / "rounds.mjs")
+    """Play rounds in Node with the files of ``build_page``."""
+    command = "node", str(folder / "game" / "rounds.mjs")
     done = subprocess.run(command, input=json.dumps(some), stdout=subprocess.PIPE, text=True, check=True)
     results: list[dict[str, Any]] = json.loads(done.stdout)
     return [{**one, "numbers": np.array(one["numbers"])} for one in results]
@@ -131,7 +136,7 @@ def main() -> None:
     some = rounds(int(sys.argv[1]) if len(sys.argv) > 1 else 100)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        build_for(some, folder, Path("build/browser_game"))
+        build_page(some, folder)
         node = in_node(some, folder)
         python, same = in_python(some), in_python(some, folder / "libm.so")
     rows = defaultdict(list)

@@ -1,20 +1,13 @@
 """The page without a server: it moves at once, plays rounds, and requests nothing from other hosts."""
 
-import shutil
-from pathlib import Path
 from typing import Any
 
 from tests.web.browser import Visitor
-from tools.browser_game import page
 
 
-def test_page_shows_demo_and_plays_round_to_its_end(browser_game: Path, game_url: str, chromium: Any) -> None:
-    page.write(browser_game / "play", ["house"])
-    for name in ("game.wasm.bin", "network.bin", "maps/house.bin", "maps/house.png"):
-        (browser_game / "play" / "game" / "maps").mkdir(exist_ok=True)
-        shutil.copy(browser_game / name, browser_game / "play" / "game" / name)
+def test_page_shows_demo_and_plays_round_to_its_end(game_url: str, chromium: Any) -> None:
     with chromium.new_page() as tab:
-        visitor = Visitor(tab, f"{game_url}play/", first=True).watch().open()
+        visitor = Visitor(tab, game_url, first=True).watch().open()
         visitor.wait("state.demo?.index > 0", "the demo")
         visitor.press("play")
         visitor.wait("state.role === 'robot' && state.frame.state === 'running' && state.frame.time_s > 1")

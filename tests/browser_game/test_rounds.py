@@ -51,19 +51,19 @@ def test_node_plays_as_python_does(browser_game: Path, node: list[dict[str, Any]
 
 def test_chromium_plays_as_node_does(hashes: list[str], game_url: str, chromium: Any) -> None:
     page = chromium.new_page()
-    page.goto(game_url)
+    page.goto(f"{game_url}game/")
     assert page.evaluate(_PLAY.replace("ROUNDS", json.dumps(ROUNDS))) == hashes
     page.close()
 
 
 def test_firefox_plays_as_node_does(hashes: list[str], game_url: str, firefox: Firefox) -> None:
-    firefox.open(game_url)
+    firefox.open(f"{game_url}game/")
     assert firefox.value(_PLAY.replace("ROUNDS", json.dumps(ROUNDS))) == hashes
 
 
 @pytest.fixture(scope="module")
 def restoring(browser_game: Path) -> Iterator[subprocess.Popen[str]]:
-    code = _RESTORE.replace("ENGINE", str(browser_game / "engine.js"))
+    code = _RESTORE.replace("ENGINE", str(browser_game / "game" / "engine.js"))
     command = "node", "--input-type=module", "--eval", code
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         yield process
