@@ -80,7 +80,7 @@ def _chipmunk(folder: Path) -> Path:
     """Return the folder of Chipmunk's sources, from the source package of the installed pymunk, loaded once."""
     name = f"pymunk-{version('pymunk')}"
     if not (folder / name).is_dir():
-        options = "--quiet", "--no-deps", "--no-binary=pymunk", f"--dest={folder}"
+        options = "-qq", "--no-deps", "--no-binary=pymunk", f"--dest={folder}"
         subprocess.run([sys.executable, "-m", "pip", "download", *options, name.replace("-", "==")], check=True)
         with tarfile.open(folder / f"{name}.tar.gz") as package:
             package.extractall(folder, filter="data")
