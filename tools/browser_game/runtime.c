@@ -83,15 +83,19 @@ void take_body(int64_t address, int64_t numbers) {
 void make_contacts(int64_t *handles, int64_t *segments, double *given, double *taken, int count, double radius_m,
                    double mass_kg, double slop_m) {
   static int32_t unused;  // pymunk's batches count numbers here
-  static cpSpace *space;  // of the last round
-  if (space) cpSpaceFree(space);
+  static cpSpace *space;  // these are of the last round
+  static cpBody *body;
+  static cpShape *circle;
+  static cpSegmentShape *walls;
+  if (space) cpSpaceFree(space), cpBodyFree(body), cpShapeFree(circle), free(walls);
   space = cpSpaceNew();
   cpSpaceSetCollisionSlop(space, slop_m);
-  cpBody *body = cpSpaceAddBody(space, cpBodyNew(mass_kg, INFINITY));
-  handles[0] = (intptr_t)space, handles[1] = (intptr_t)body;
-  handles[2] = (intptr_t)cpCircleShapeNew(body, radius_m, cpvzero);
+  body = cpSpaceAddBody(space, cpBodyNew(mass_kg, INFINITY));
+  circle = cpCircleShapeNew(body, radius_m, cpvzero);
+  walls = calloc(count, sizeof(cpSegmentShape));
+  handles[0] = (intptr_t)space, handles[1] = (intptr_t)body, handles[2] = (intptr_t)circle;
   handles[3] = (intptr_t)given, handles[5] = (intptr_t)taken;
   handles[4] = handles[6] = (intptr_t)&unused;
   for (int k = 0; k < count; k++)
-    segments[k] = (intptr_t)cpSegmentShapeNew(cpSpaceGetStaticBody(space), cpvzero, cpv(1, 0), 0);
+    segments[k] = (intptr_t)cpSegmentShapeInit(walls + k, cpSpaceGetStaticBody(space), cpvzero, cpv(1, 0), 0);
 }

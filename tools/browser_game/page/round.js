@@ -191,7 +191,6 @@ export class Round {
   #snapshot() {
     const { engine } = this;
     const game = (name) => this.#game(name);
-    const robot = [...engine.array("situation", "robot")];
     const alive = Array.from(engine.array("play", "rules.alive").subarray(0, this.pellets), Boolean);
     const scores = engine.array("judge", "logits");
     const pose = ["x", "y", "heading"].map(game);
@@ -200,7 +199,8 @@ export class Round {
     const time_s = game("step") * engine.facts.physics_step_s;
     return {
       kind: "frame", state: "running", time_s, score: game("score"), collected: game("collected"),
-      spawned: this.pellets, goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over, true: pose, believed: robot,
+      spawned: this.pellets, goal: game("pursued") < 0 ? -1 : this.#pageNumber(game("pursued")), over: this.over,
+      true: pose, believed: [...engine.array("situation", "robot")],
       velocity: [...engine.array("situation", "robot_velocity")], ghosts: places, ghost_goals: this.ghostGoals(pose),
       alive, scores: this.numbers.map((candidate) => rounded(scores[candidate])), plan: this.#plan(),
       ...(this.caught ? { ...this.#caughtFields(places, time_s, alive), ghosts_caught: game("caught") } : {}),
