@@ -20,12 +20,12 @@ _SMALL = 4096  # bytes; smaller arrays are stored as they are
 
 
 class Entry(NamedTuple):
-    """An array as it is stored, so that gzip finds more: differences, then bytes of equal rank one after the other."""
+    """The form in which a file contains an array, so that gzip finds more: differences, then bytes sorted by rank."""
 
     address: int
     size: int  # bytes
     width: int  # bytes of a number
-    lag: int  # each number is stored as its difference to the one ``lag`` numbers before; 0: as it is
+    lag: int  # numbers are stored as differences to the number ``lag`` places before; 0: no differences
     apart: bool  # first the lowest byte of all numbers, then the next ones
 
 
@@ -53,9 +53,8 @@ class Image:
 
     def add_tables(self, tables: Iterable[Table]) -> None:
         """Copy tables with all arrays and tables that they refer to."""
-        known = {
-            one.address: one for one in gc.get_objects() if type(one) is Table
-        }  # a weak reference has its object's class
+        # ``isinstance`` would ask weak references for the class of objects that are gone.
+        known = {one.address: one for one in gc.get_objects() if type(one) is Table}
         waiting, done = list(tables), set[int]()
         while waiting:
             table = waiting.pop()
@@ -84,20 +83,20 @@ class Image:
         """Return entries of the arrays that contain anything but zeros, and their stored bytes in this order."""
         entries, parts = [], []
         for place, array in self._own:
-            content = array.tobytes()
+            content = bytearray(array.tobytes())
             for offset, value in _integers(array):
                 new = self.functions.get(value, self._places.get(value))
                 if new is not None:
-                    content = content[:offset] + new.to_bytes(8, "little") + content[offset + 8 :]
+                    content[offset : offset + 8] = new.to_bytes(8, "little")
             if any(content):
-                entry, stored = _stored(place, array, content)
+                entry, stored = _stored(place, array, bytes(content))
                 entries.append(entry)
                 parts.append(stored)
         return entries, b"".join(parts)
 
 
 def flat(arrays: Mapping[str, Any], prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Return arrays by name, those of nested tuples as ``tuple.array``."""
+    """Return arrays by name; an array of a nested tuple has the name ``tuple.array``."""
     found: dict[str, NDArray[Any]] = {}
     for name, value in arrays.items():
         found |= flat(value._asdict(), f"{prefix}{name}.") if hasattr(value, "_asdict") else {prefix + name: value}

@@ -19,7 +19,7 @@ from pacman_env.sim.ghost_state import spawn_ghost
 from pacman_env.sim.parameters import GAME, GHOST
 from pacman_env.world.navigation import physics
 
-FIRST_FUNCTION = 1024  # index in the module's table of functions of the first one that is called by address
+FIRST_FUNCTION = 1024  # first index of functions that are called by address, in the module's table
 #: Functions of runtime.c for the functions of Chipmunk that ``physics.py`` calls, in its order.
 _C_FUNCTIONS = "set_ends", "add_shape", "remove_shape", "give_body", "step_space", "take_body"
 

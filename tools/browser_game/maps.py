@@ -49,15 +49,19 @@ def prepare(map: str, level: int | None, ghosts: int, planner: LearnedPlanner) -
     fresh = draw_episodes(np.zeros(1, np.uint64), played.config)
     batch._levels.enter(np.zeros(1, np.int64), fresh)
     state = batch._ghosts
-    start = {
-        "rules": batch.rule_arrays,
-        "ghosts": state.state,
-        "paths": state.paths,
-        "wander_first": state.wander_first,
-    }
+    start = Table(
+        StartArrays,
+        rules=batch.rule_arrays,
+        ghosts=state.state,
+        paths=state.paths,
+        fresh=fresh,
+        seeds=np.zeros(1, np.uint64),
+        wander_first=state.wander_first,
+    )
     judged = {"mask": situation.mask, "logits": np.zeros(slots), "value": np.zeros(1)}
     tables = {
-        "begin_rounds": Table(StartArrays, **start, fresh=fresh, seeds=np.zeros(1, np.uint64)),
+        "begin_rounds": start,
+        "place_ghost": start,
         "play": batch.tick_stage()[1][0],
         "write_situations": situation_stage(batch, situation)[1][0],
         "fill": planner_features.planner_stage(situation, speed, situation.mask, **features)[1][0],
@@ -68,13 +72,15 @@ def prepare(map: str, level: int | None, ghosts: int, planner: LearnedPlanner) -
 
 
 def write(map: str, level: int | None, planner: LearnedPlanner, network: Image, path: Path) -> None:
-    """Write a map: its memory, that of its rounds for each number of ghosts, all at one place, and its facts."""
+    """Write a map: its memory, the memory of a round for each number of ghosts, all at one place, and its facts."""
     rounds = [prepare(map, level, ghosts, planner) for ghosts in range(1, MOST_GHOSTS + 1)]
     shown = _level(rounds[0])
     own = Image(network.end, network.functions, network)
     own.add_tables([shown.table])
     entries, stored = own.packed()
-    header: dict[str, Any] = {"facts": _facts(rounds[0]), "entries": entries, "end": own.end, "rounds": []}
+    scene = scene_of(rounds[0].played, rounds[0].rules, 1)
+    facts = _facts(rounds[0].played) | {"scene": scene.facts | {"second": None}}
+    header: dict[str, Any] = {"facts": facts, "entries": entries, "end": own.end, "rounds": []}
     records: dict[np.dtype[Any], str] = {}
     for one in rounds:
         image = _round(one, own, shown)
@@ -82,14 +88,13 @@ def write(map: str, level: int | None, planner: LearnedPlanner, network: Image, 
         stored += more
         tables = {name: _table(table, image, records) for name, table in _tables(one).items()}
         header["rounds"].append({"end": image.end, "entries": parts, "tables": tables})
-    path.with_suffix(".png").write_bytes(scene_of(rounds[0].played, rounds[0].rules, 1).picture)
+    path.with_suffix(".png").write_bytes(scene.picture)
     save(path, {**header, "records": {name: _record(dtype) for dtype, name in records.items()}}, stored)
 
 
-def _facts(prepared: Prepared) -> dict[str, Any]:
-    """Return what the page needs to know of a map and of the rules of its rounds."""
-    played = prepared.played
-    config, scene = played.config, scene_of(played, prepared.rules, 1)
+def _facts(played: PlayedRound) -> dict[str, Any]:
+    """Return what the page needs to know of a map and of the rules of its rounds, besides its scene."""
+    config = played.config
     return {
         "pellets": played.assets.pellets,
         "numbers": played._numbers.tolist(),
@@ -101,7 +106,7 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
         "terms": {name: CANDIDATE_FEATURES.index(name) for name in _SHOWN},
         "cells": len(played.assets.clyde.position),
         "hash": played.assets.occupancy.hash,
-        "configuration": played.config.hash,
+        "configuration": config.hash,
         "return_s": config.power.return_s,
         "ghost_points": config.power.ghost_points,
         "physics_step_s": config.physics_step_s,
@@ -111,7 +116,6 @@ def _facts(prepared: Prepared) -> dict[str, Any]:
             "mass_kg": config.robot.mass_kg,
             "slop_m": physics._COLLISION_SLOP_M,
         },
-        "scene": scene.facts | {"second": None},
     }
 
 

@@ -51,7 +51,7 @@ def build(kernels: Mapping[str, Any], exports: Sequence[str], folder: Path) -> P
 def _code(kernel: Any, name: str) -> str:
     """Return the LLVM code of a kernel, which gets the name ``name``, for a browser.
 
-    Numba keeps the code beside the machine code, also on disk, so nothing is compiled for this machine again.
+    Numba keeps this code with the machine code, also on disk, so nothing is compiled for this machine again.
     """
     address_of_kernel(kernel)
     compiled = kernel.overloads[RANGE]

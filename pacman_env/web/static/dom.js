@@ -117,7 +117,7 @@ export function showMap() {
   if (narrow.matches) document.body.classList.remove("panel-open");
 }
 
-// Returns the function that closes it. A notice replaces that of the same key, or of the same text.
+// Returns the function that closes it. A notice replaces the notice with the same key, or with the same text.
 export function notice(text, { bad = false, buttons = [], key = text, stays = false } = {}) {
   const place = $(bad ? "alerts" : "notices");
   [...place.children].find((other) => other.dataset.key === key)?.remove();

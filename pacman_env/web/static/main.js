@@ -41,7 +41,7 @@ window.pacman = { count: state.count, state, sounds, view: map.view };
 
 function lost(reason) {
   if (!$("lost").classList.contains("loud")) {
-    const [what, remedy] = document.documentElement.dataset.game ? ["The game has failed", "Reload the page"]
+    const [what, remedy] = state.source === "browser" ? ["The game has failed", "Reload the page"]
       : ["No connection to the server", "The page tries again by itself"];
     write($("lost"), `${what}${reason ? ` (${reason})` : ""}. ${remedy}.`);
   }

@@ -14,7 +14,7 @@ export class PageState {
   role = "none";
   why = null;
   candidate = -1; // below the mouse pointer
-  placing = ""; // what is to be clicked on the map to place a ghost or to set the robot's pose
+  placing = ""; // request to click on the map, which places a ghost or sets the robot's pose
   place = null; // what then gets the place
   stands = null; // where the robot stands, once that was clicked
   count = { frames: 0, frames_drawn: 0, notes: 0, lit: 0, errors: [] }; // for tests

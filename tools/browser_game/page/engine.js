@@ -3,9 +3,8 @@
 const PAGE = 65536; // bytes by which memory grows
 const VIEWS = {
   f8: Float64Array, f4: Float32Array, i8: BigInt64Array, u8: BigUint64Array, i4: Int32Array, i2: Int16Array,
-  i1: Int8Array, u2: Uint16Array, u1: Uint8Array, b1: Uint8Array,
+  i1: Int8Array, u4: Uint32Array, u2: Uint16Array, u1: Uint8Array, b1: Uint8Array,
 };
-const UNSIGNED = { 1: Uint8Array, 2: Uint16Array, 4: Uint32Array, 8: BigUint64Array };
 
 export async function gunzip(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -27,7 +26,7 @@ export function restored(stored, width, lag, apart) {
   const count = stored.length / width;
   if (apart) for (let k = 0; k < stored.length; k++) bytes[(k % count) * width + Math.floor(k / count)] = stored[k];
   else bytes.set(stored);
-  const numbers = new UNSIGNED[width](bytes.buffer);
+  const numbers = new VIEWS[`u${width}`](bytes.buffer);
   if (lag) for (let k = lag; k < count; k++) numbers[k] += numbers[k - lag];
   return bytes;
 }
@@ -102,7 +101,7 @@ export class Engine {
 
   // Calls a kernel with its table; returns its result.
   call(kernel, first = 0, last = 1) {
-    const table = BigInt(this.#round.tables[kernel]?.at ?? this.#round.tables.begin_rounds.at);
+    const table = BigInt(this.#round.tables[kernel].at);
     const { scratch } = this;
     const status = this.exports[kernel](scratch, scratch + 8, table, BigInt(first), BigInt(last));
     if (status) throw new Error(`${kernel} failed: ${status}`);

@@ -59,6 +59,7 @@ export class Match {
   #turn = Promise.resolve(); // of requests that change the game
   #asideTurn = Promise.resolve(); // of rounds on the second engine
   #aside = null; // the second engine
+  #parts = null; // the module and the network, of all engines
 
   // Shows the first round as it was recorded, and loads the game meanwhile. `host` is what the worker provides.
   async begin(host) {
@@ -159,7 +160,7 @@ export class Match {
     this.#post("news", { items: [{ number: ++this.#count.news, ...item }] });
   }
 
-  // Notes an event; its sound replaces the one that plays, except that of a pellet.
+  // Notes an event; its sound replaces the present sound, unless it is a pellet's.
   #report(event) {
     const { events, sounds } = this.hello;
     const { sound } = events[event];
@@ -203,10 +204,14 @@ export class Match {
     const read = (path) => this.host.read(path).catch(({ message }) => {
       throw new Error(`${path} could not be loaded: ${message}`);
     });
-    const paths = ["game.wasm.bin", "network.bin", `maps/${file}.bin`];
-    const [code, network, map] = await Promise.all(paths.map(read));
-    const module = await WebAssembly.compile(await gunzip(code));
-    return Object.assign(new Engine(module, await unpack(network), await unpack(map)), { file });
+    this.#parts ??= Promise.all([
+      read("game.wasm.bin").then(gunzip).then((code) => WebAssembly.compile(code)), read("network.bin").then(unpack),
+    ]).catch((error) => {
+      this.#parts = null; // the next setup tries again
+      throw error;
+    });
+    const [[module, network], map] = await Promise.all([this.#parts, read(`maps/${file}.bin`).then(unpack)]);
+    return Object.assign(new Engine(module, network, map), { file });
   }
 
   // A round before its first tick, for the person and for the orders of people.

@@ -126,12 +126,13 @@ export class Round {
     const [kind, paths, ghostPaths, [speed], [time_s]] = ["kind", "path_robot", "path_clyde", "clyde_speed", "time_s"]
       .map((name) => engine.array("situation", name));
     const [features, logits, [value]] = ["candidates", "logits", "value"].map((name) => engine.array("judge", name));
-    const odds = logits.map((logit) => Math.exp(logit - Math.max(...logits)));
+    const best = Math.max(...logits);
+    const odds = logits.map((logit) => Math.exp(logit - best));
+    const sum = odds.reduce((total, one) => total + one, 0);
     const rows = [...numbers.keys()].filter((number) => this.#allowed(number)).map((number) => {
       const at = numbers[number];
-      const probability = odds[at] / odds.reduce((sum, one) => sum + one, 0);
       const shown = Object.entries(terms).map(([name, column]) => [name, features[at * columns + column]]);
-      const all = [["score", logits[at]], ["probability", probability], ["value", value], ...shown];
+      const all = [["score", logits[at]], ["probability", odds[at] / sum], ["value", value], ...shown];
       return {
         candidate: number, kind: KINDS[kind[at]], robot_m: rounded(paths[at]),
         ghost_later_s: rounded(ghostPaths[at] / speed - paths[at] / scene.robot.speed_mps),
