@@ -130,21 +130,24 @@ class RobotSide:
     unanswered: list[int] = field(default_factory=list)  # those of them that it has not accepted
 
     def __post_init__(self) -> None:
+        self.begin()
+        self.reset()
+
+    def begin(self) -> None:
+        """As a process that has just been started."""
         own = {number: (x, y) for number, (x, y) in enumerate(self.pellets.tolist())}
         goals = Goals(own, {}, self.refuges.tolist(), self.power)
         self.home = HOME
         self.executor = GoalExecutor(self.config, goals, home_place(*self.home, 0.0))
         self.referee = RoundController(self.config.clyde, power=self.config.power)
-        self.shown = set(own)
+        self.referee.lay_out(own, self.power)
         self.executor.activate(0.0)
         self.executor.nav2(True, 0.0)
         self.end = RUNNING
-        self.reset()
 
     def reset(self) -> None:
         """From wherever the game is to the first moment of a round."""
         self._hear(self.referee.reset(self.now)) if self.end == RUNNING and self.referee.state == "running" else None
-        self.shown = set(range(len(self.pellets)))
         for _ in range(6):
             if self.referee.state == "running":
                 break
@@ -152,8 +155,6 @@ class RobotSide:
             self._do(self.executor.check(self.home, (), self.now))
             for number in list(self.live):  # among them the way home
                 self.finish(number, SUCCEEDED, self.home)
-            if self.referee.state == "starting":
-                self._hear(self.referee.pellets_left(self.shown, self.now, self.power))
             self._hear(self.referee.tick(self.now))
             self._hear(self.referee.start(self.now)) if self.referee.state == "menu" else None
         assert self.referee.state == "running"
@@ -164,9 +165,8 @@ class RobotSide:
         self.unanswered.clear()
 
     def report(self) -> None:
-        """The pellets as they are shown."""
-        self._do(self.executor.pellets(self.shown, 0, self.now))
-        self._hear(self.referee.pellets_left(self.shown, self.now, self.power))
+        """The pellets that are left, as in each report of a foreign game."""
+        self.executor.round.report(self.referee.left, 0)
 
     def choose(self, candidate: int) -> bool:
         """Whether the choice was acted on."""
@@ -240,7 +240,7 @@ class RobotSide:
             elif action.kind == "status":
                 self._hear(self.referee.status(str(action.value), self.now))
             elif action.kind == "remove":
-                self.shown.discard(int(action.value))
+                self._hear(self.referee.remove(int(action.value)))
 
     def _hear(self, actions: list[Any]) -> None:
         for action in actions:
@@ -253,10 +253,8 @@ class RobotSide:
                 self._do(self.executor.state(str(action.value), self.now))
             elif action.kind == "command":
                 self._do(self.executor.command(str(action.value), self.now))
-            elif action.kind == "ghosts_caught":
-                self.executor.statuses.catches_counted(int(action.value))
-            elif action.kind == "reset_pellets":
-                self.shown = set(range(len(self.pellets)))
+            elif action.kind == "pellets":
+                self.report()
 
     def seen(self) -> dict[str, Any]:
         """What has to be the same on both sides."""

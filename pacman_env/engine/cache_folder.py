@@ -110,6 +110,12 @@ def kernel_folder() -> Path | None:
     return folder
 
 
+def is_compiled() -> bool:
+    """Return True if the folder contains code compiled from these sources."""
+    folder = kernel_folder()
+    return folder is not None and any(folder.glob("*.nbi"))
+
+
 def mark(name: str) -> Path | None:
     """Return the path of the file whose existence says that the work ``name`` is done for these sources.
 

@@ -5,7 +5,7 @@ results and distances are in ``execution.py``. Nav2 may answer late, about goals
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from ..config import Config
 from .ends import CAUGHT, RUNNING
@@ -28,12 +28,11 @@ class GoalExecutor:
         self.home = home  # may be set later
         self.pose: Position | None = None  # last believed position, m
         self.round = RobotRound(config, goals)
-        self.statuses = self.round.statuses
         self.sent = SentGoals()
         self.task = "none"  # task of the last command: none, play or home
         self.game_state: str | None = None  # None if not received
         self.began_s = 0.0  # start time of the task
-        self._active = False
+        self.active = False
         self._held: set[str] = set()  # reasons to stand, such as an operator's stop or a lost pose
         self._nav2_there = False
         self._waiting_s: float | None = None  # time at which the return home was first impossible
@@ -42,7 +41,7 @@ class GoalExecutor:
     @property
     def driving(self) -> bool:
         """True if the robot may drive: the task fits the game's state, and the node is active."""
-        return self._active and self.game_state is not None and _STATES.get(self.task) == self.game_state
+        return self.active and self.game_state is not None and _STATES.get(self.task) == self.game_state
 
     @property
     def playing(self) -> bool:
@@ -54,13 +53,13 @@ class GoalExecutor:
     # The game's messages
 
     def activate(self, now: float) -> list[ExecutorAction]:
-        self._active = True
+        self.active = True
         return self._continue(now)
 
     def deactivate(self, now: float) -> list[ExecutorAction]:
         """Cancel all goals and stop; the task is kept."""
         driving = self.driving
-        self._active = False
+        self.active = False
         return self._halt(now) if driving or self.sent.open else []
 
     def hold(self, reason: str, held: bool, now: float) -> list[ExecutorAction]:
@@ -77,9 +76,6 @@ class GoalExecutor:
         return self._halt(now) if self.driving else self._cancel_all(now)
 
     def command(self, word: str, now: float) -> list[ExecutorAction]:
-        if word == "enable" and self.statuses.end in ("death_detected", "game_complete"):
-            return []  # the referee has not received the end: it would send "disable" before the next "enable"
-        self.statuses.end = ""
         if word == "reset_round":
             self.round.reset()
             return []
@@ -90,23 +86,18 @@ class GoalExecutor:
             if previous == "play":
                 return []
             self.round.record.end = RUNNING
-        self.began_s, self._waiting_s, self._arrived_s, self.round.empty_s = now, None, None, None
+        self.began_s, self._waiting_s, self._arrived_s = now, None, None
         if (self.sent.pursued == HOME) != (word == "return_home"):
             self._drop_current()  # the next goal pre-empts it
         if not self.driving:
-            return self._halt(now) if self._active else []
+            return self._halt(now) if self.active else []
         return self._continue(now)
 
     def state(self, word: str, now: float) -> list[ExecutorAction]:
-        if word != self.game_state:
-            self.statuses.new_state()
         was, self.game_state = self.driving, word
         if was and not self.driving:
             return self._halt(now)
         return self._continue(now)
-
-    def pellets(self, left: Iterable[int], unknown: int, now: float) -> list[ExecutorAction]:
-        return self.round.report(left, unknown, self.playing, now)
 
     # What the robot does
 
@@ -119,7 +110,9 @@ class GoalExecutor:
         if self.round.record.end == CAUGHT:
             self.task = "none"
             killed = ExecutorAction("event", killed_by(GHOST_NAMES[self.round.record.catcher]))
-            return [*actions, killed, *self.round.ended("death_detected"), *self._halt(now)]
+            return [*actions, killed, ExecutorAction("status", "death_detected"), *self._halt(now)]
+        if self.round.is_empty(now):
+            actions.append(ExecutorAction("status", "game_complete"))
         return [*actions, *(self._cancel_all(now) if action == CANCEL else self._continue(now))]
 
     def choose(self, place: Place | None, now: float) -> list[ExecutorAction]:
@@ -225,4 +218,4 @@ class GoalExecutor:
         """End the return home; it has failed only if the robot is not at home."""
         self.task, self._arrived_s = "none", None
         arrived = self._is_at(self.home, self.round.rules.success_distance)
-        return [*self.statuses.ended("home_reached" if arrived else "home_failed"), *self._cancel_all(now)]
+        return [ExecutorAction("status", "home_reached" if arrived else "home_failed"), *self._cancel_all(now)]

@@ -1,7 +1,7 @@
 """Build situations from a real robot's knowledge with the simulator's kernels, so that the numbers are the same."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,8 +161,8 @@ class RobotView:
         """Return the straight distance, m, from a place to the nearest ghost that is not harmless."""
         return float(kernels.nearest(*at, self._obstacles[0], np.int32(self._games["step"][0]))[1])
 
-    def is_candidate(self, pellet: int) -> bool:
-        return self.goals.slot.get(pellet, self.goals.candidates) < self.goals.candidates
+    def out_of_reach(self, pellets: Iterable[int]) -> list[int]:
+        return [number for number in pellets if self.goals.slot[number] >= self.goals.candidates]
 
     def off_the_map(self, x: float, y: float) -> bool:
         """Return True if a position, m, is more than ``_AWAY_M`` from all drivable cells."""
@@ -212,6 +212,17 @@ class RobotView:
             other.see_ghost(number, x, y, 0)
         hx, hy, heading = self.assets.grid.home.tolist()
         return other.situation(Seen(0.0, (hx, hy, heading), left=self.assets.pellet_ids.tolist()), player)
+
+    def compile_kernels(self) -> None:
+        """Compile all kernels in advance; this view does not change."""
+        other = RobotView(self.assets, self._config, levels=self._levels)
+        x, y = self.assets.clyde.position[self.assets.spawn_cells[0]].tolist()
+        pose = tuple(self.assets.grid.home.tolist())
+        for time_s in (0.0, 0.5):  # the second time measures motion
+            for number in range(len(self._stamp_ns)):
+                other.see_ghost(number, x + time_s / 10, y, int(time_s * 1e9))
+            other.situation(Seen(time_s, pose, left=self.assets.pellet_ids.tolist()))
+        other.off_the_map(0.0, 0.0)
 
     def _watch_distance(self, seen: Seen) -> None:
         g, x, y = self._games[0], *seen.pose[:2]

@@ -54,7 +54,8 @@ def hold_index(situation: Situation) -> NDArray[np.int64]:
 def reach(situation: Situation, candidate: int, robot_mps: float) -> dict[str, float]:
     """Return how far a candidate of the first game is (m), and how much later the nearest ghost can be there (s)."""
     robot_m, ghost_m = float(situation.path_robot[0, candidate]), float(situation.path_clyde[0, candidate])
-    later_s = ghost_m / float(situation.clyde_speed[0]) - robot_m / robot_mps
+    ghost_mps = float(situation.clyde_speed[0])  # 0 while all ghosts are harmless
+    later_s = ghost_m / ghost_mps - robot_m / robot_mps if ghost_mps else math.inf
     return {"robot_m": round(robot_m, 2), "ghost_later_s": round(later_s, 1)}
 
 

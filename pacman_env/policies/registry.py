@@ -70,15 +70,23 @@ def moved_by_policy(ghost: str) -> bool:
     return file or (ghost in policy_names() and ghost not in behaviour_names())
 
 
-def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
-    """Return the behaviour of each ghost (``policy`` if a policy moves it), and these policies by ghost number.
+def behaviours_of(ghosts: Sequence[str]) -> tuple[str, ...]:
+    """Return the behaviour of each ghost: ``policy`` if a policy moves it, which is not loaded.
 
-    Raises ConfigError for an unknown behaviour and for ``policy`` itself, and the errors of ``make_policy``.
+    Raises ConfigError for an unknown behaviour and for ``policy`` itself.
     """
     for number, name in enumerate(ghosts):
         if name == POLICY:
             raise ConfigError(f"clyde.ghosts[{number}] = 'policy': name the .onnx file that moves it instead")
         if not moved_by_policy(name):
             find_behaviour(name)
-    policies = {number: make_policy(name) for number, name in enumerate(ghosts) if moved_by_policy(name)}
-    return tuple(POLICY if number in policies else name for number, name in enumerate(ghosts)), policies
+    return tuple(POLICY if moved_by_policy(name) else name for name in ghosts)
+
+
+def split_ghosts(ghosts: Sequence[str]) -> tuple[tuple[str, ...], dict[int, Policy]]:
+    """Return the behaviour of each ghost (``policy`` if a policy moves it), and these policies by ghost number.
+
+    Raises the errors of :func:`behaviours_of` and ``make_policy``.
+    """
+    behaviours = behaviours_of(ghosts)
+    return behaviours, {number: make_policy(ghosts[number]) for number, one in enumerate(behaviours) if one == POLICY}

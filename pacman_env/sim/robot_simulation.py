@@ -161,12 +161,14 @@ class SimulatedRobot:
         return int(g["amcl_step"]), (float(g["amcl_x"]), float(g["amcl_y"]), float(g["amcl_heading"]))
 
     @property
-    def navigating(self) -> bool:
-        return bool(self._g["nav_state"] == navigator.ACTIVE or self._g["nav_next"] >= 0)
-
-    @property
     def recovering(self) -> bool:
         return bool(self._g["nav_state"] == navigator.ACTIVE and self._g["nav_wait_step"] > self._g["step"])
+
+    @property
+    def plan(self) -> tuple[int, NDArray[np.float32]]:
+        """Return the step of the next planning, and the points (N, 2), m, of the plan; none if nothing drives."""
+        points = int(self._g["nav_points"]) if self._g["nav_state"] == navigator.ACTIVE else 0
+        return int(self._g["nav_plan_step"]), self._robot.paths[0, :points]
 
     def scan(self, pose: Pose | None = None) -> NDArray[np.float32]:
         """Return lidar ranges (R,) in m from a pose (None: the robot's pose); see :func:`lidar.scan`.

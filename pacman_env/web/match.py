@@ -247,6 +247,8 @@ class Match:
             faster_mps = (level - 1) * config.clyde.speed_step_mps if speed is not None else 0.0
             self._controller.base_clyde_speed(config.clyde.speed_mps - faster_mps)
             self._controller.clyde, self._controller.power = config.clyde, config.power
+            ids, power = played.assets.pellet_ids, played.power_pellets
+            self._controller.lay_out(ids[played.snapshots[-1].alive].tolist(), ids[power].tolist())
             self.round = played
             self.clock.tick_s = config.execution.tick_s
             self.driving.goals.clear()
@@ -359,12 +361,7 @@ class Match:
                     self._to_menu()
             if self.state == state:
                 return
-            if self.state == "starting":  # a referee begins no round without pellets
-                played = self.require_round()
-                ids = played.assets.pellet_ids[played.snapshots[-1].alive]
-                for _ in range(2):  # both reports are about this round
-                    power = played.assets.pellet_ids[played.power_pellets].tolist()
-                    self._act(self._controller.pellets_left(ids.tolist(), self._clock_s, power))
+            if self.state == "starting":
                 self.clock.begin(time.monotonic())
 
     def _to_menu(self) -> None:

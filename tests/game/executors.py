@@ -40,7 +40,7 @@ def running(goals: Goals = GOALS, shown: Iterable[int] | None = None, **options:
     executor.nav2(True, 0.0)
     executor.command("enable", 0.0)
     executor.state("running", 0.0)
-    executor.pellets(goals.positions if shown is None else shown, 0, 0.0)
+    executor.round.report(goals.positions if shown is None else shown, 0)
     executor.check((0.0, 0.0), (), 0.0)
     return executor
 
@@ -49,7 +49,6 @@ def frightening() -> GoalExecutor:
     """One that has collected a power pellet at t = 1: ghosts are frightened for 20 s."""
     executor = running(goals=POWER_GOALS)
     assert words(executor.check((1.0, 0.0), [AWAY, AWAY], 1.0)) == ["status pellet_collected:10", "remove 10"]
-    executor.statuses.counted(1)
     return executor
 
 

@@ -42,7 +42,7 @@ def test_success_near_the_pellet_collects_it_once() -> None:
     executor.check((0.72, 0.0), (), 4.0)
     assert words(executor.finished(1, SUCCEEDED, 4.0)) == ["status pellet_collected:10", "remove 10"]
     assert executor.check((0.8, 0.0), (), 4.1) == []
-    executor.pellets(PELLETS, 0, 4.2)  # on its way since before
+    executor.round.report(PELLETS, 0)  # on its way since before
     assert executor.round.left == {11: PELLETS[11]}
     assert executor.check((0.9, 0.0), (), 4.3) == []
 
@@ -58,7 +58,7 @@ def test_new_round_forgets_failures_and_collected_pellets() -> None:
     executor.check((5.0, 0.0), (), 0.2)
     executor.command("reset_round", 0.3)
     assert executor.round.masked(0.3) == set()
-    executor.pellets(PELLETS, 0, 0.4)
+    executor.round.report(PELLETS, 0)
     assert executor.round.left == PELLETS
 
 
@@ -134,7 +134,7 @@ def test_a_burst_of_commands_loses_none() -> None:
     for word in ("disable", "reset_round", "return_home", "disable", "enable"):
         executor.command(word, 1.0)
     assert executor.playing
-    executor.pellets(PELLETS, 0, 1.1)
+    executor.round.report(PELLETS, 0)
     assert executor.round.left == PELLETS
     assert words(executor.choose(FAR, 1.2)) == ["send 1"]
 

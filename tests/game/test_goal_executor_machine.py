@@ -27,7 +27,6 @@ class Nav2(RuleBasedStateMachine):
         self.pose = (3.0, 0.0)
         self.last = 0
         self.there = False
-        self.died = False
         self.do(self.executor.check(self.pose, None, 0.0))
 
     def may_drive(self) -> bool:
@@ -61,7 +60,7 @@ class Nav2(RuleBasedStateMachine):
                 self.task = "none"
             elif action.value == "death_detected":
                 assert self.task == "enable"
-                self.task, self.died = "none", True
+                self.task = "none"
 
     @rule(seconds=st.sampled_from([0.0, 0.1, 0.5, 2.0, 7.0]))
     def time_passes(self, seconds: float) -> None:
@@ -71,15 +70,12 @@ class Nav2(RuleBasedStateMachine):
     def game_commands(self, word: str) -> None:
         if word == "reset_round":
             self.counted.clear()
-        elif word != "enable" or not self.died:
+        else:
             self.task = word
-        if word != "enable":
-            self.died = False
         self.do(self.executor.command(word, self.now))
 
     @rule(word=st.sampled_from(["menu", "returning_home", "starting", "running", "running", "dying", "complete"]))
     def game_state(self, word: str) -> None:
-        self.died = self.died and word == self.state
         self.state = word
         self.do(self.executor.state(word, self.now))
 
@@ -89,8 +85,8 @@ class Nav2(RuleBasedStateMachine):
         self.do(self.executor.activate(self.now) if active else self.executor.deactivate(self.now))
 
     @rule()
-    def pellets_shown(self) -> None:
-        self.do(self.executor.pellets(PELLETS, 0, self.now))
+    def pellets_are_reported(self) -> None:
+        self.executor.round.report(PELLETS, 0)
 
     @rule(x=st.sampled_from([0.0, 0.9, 3.0, 4.9]), clyde=st.sampled_from([None, None, (0.9, 0.1), (9.0, 9.0)]))
     def robot_moves(self, x: float, clyde: tuple[float, float] | None) -> None:

@@ -1,8 +1,14 @@
 """How rounds end, and the way home after them."""
 
+import json
+from collections.abc import Iterable
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pacman_env.game.execution import ABORTED, CANCELED, SUCCEEDED
+from pacman_env.game.goal_executor import GoalExecutor
 from pacman_env.game.goals import HOME, Goals, home_place
 from pacman_env.game.power import HARMLESS_UNTIL
 from tests.game.executors import (
@@ -42,68 +48,60 @@ def test_nobody_dies_or_collects_outside_a_round() -> None:
     assert executor.check((1.0, 0.0), [(1.0, 0.0)], 0.1) == []
 
 
+def checked(executor: GoalExecutor, left: Iterable[int], now: float, unknown: int = 0) -> list[str]:
+    """What is said to the game after a report of the pellets, far from all of them."""
+    executor.round.report(left, unknown)
+    return words(executor.check((-2.0, 0.0), (), now))
+
+
 def test_round_completes_when_only_unreachable_pellets_remain() -> None:
-    near, far = {7: (2.0, 0.0)}, {9: (50.0, 0.0)}
-    executor = running(goals=Goals(near, far, []))
-    left = {**near, **far}
-    assert words(executor.pellets(left, 0, 1.0)) == []
-    assert words(executor.pellets(left, 0, 9.0)) == []
-    del left[7]
-    assert words(executor.pellets(left, 0, 10.0)) == []
-    assert words(executor.pellets(left, 0, 12.0)) == ["status game_complete"]
-    assert words(executor.pellets(left, 0, 20.0)) == []
-    assert executor.round.left == left  # one that is passed by counts all the same
+    executor = running(goals=Goals({7: (2.0, 0.0)}, {9: (50.0, 0.0)}, []))
+    assert checked(executor, [7, 9], 1.0) == checked(executor, [7, 9], 9.0) == []
+    said = [checked(executor, [9], now) for now in (10.0, 11.9, 12.0, 20.0)]
+    assert said == [[], [], ["status game_complete"], []]
+    assert list(executor.round.left) == [9]  # one that is passed by counts all the same
 
 
 def test_round_without_pellets_is_reported_complete_once() -> None:
     executor = running()
-    reports = [words(executor.pellets({}, 0, float(t))) for t in range(1, 7)]
-    assert reports == [[], [], ["status game_complete"], [], [], []]
-    executor = running()
-    assert not any(executor.pellets({}, 3, float(t)) for t in range(1, 7))  # others are there
-    assert executor.round.left == PELLETS
+    assert [checked(executor, [], float(t)) for t in range(1, 6)] == [[], [], ["status game_complete"], [], []]
+    executor.command("reset_round", 7.0)
+    assert not any(words(executor.check((-2.0, 0.0), (), float(t))) for t in range(7, 12)), "nothing is reported yet"
 
 
-def test_pellet_missing_two_seconds_counts_as_taken() -> None:
+def test_report_of_another_map_changes_nothing() -> None:
     executor = running()
-    for second in (2.0, 3.0):
-        assert executor.pellets({11: PELLETS[11]}, 2, second) == []
-        assert executor.round.left == PELLETS
-    assert executor.pellets({11: PELLETS[11]}, 2, 4.0) == []
-    assert executor.round.left == {11: PELLETS[11]}
-    executor.pellets(PELLETS, 0, 5.0)  # shown again, at once
+    assert not any(checked(executor, [], float(t), unknown=3) for t in range(1, 7))
     assert executor.round.left == PELLETS
 
 
 def test_alternating_empty_reports_end_no_round() -> None:
     executor = running()
     executor.check((1.0, 0.0), (), 1.0)  # one of the two is collected
-    left = {11: PELLETS[11]}
-    said = []
-    for step in range(60):
-        now = 1.0 + 0.5 * step
-        said += words(executor.pellets(left if step % 2 else {}, 0, now))
-        said += words(executor.check((2.0, 0.0), (), now + 0.2))
-        assert executor.round.left == left
-    assert not [word for word in said if word.startswith("status")]
+    said = [checked(executor, [11] if step % 2 else [], 1.0 + 0.5 * step) for step in range(20)]
+    assert not any(word.startswith("status") for words in said for word in words)
+    assert executor.wants_choice(11.0)
+    assert list(executor.round.left) == [11]
 
 
-def test_uncounted_pellets_are_reported_before_the_end() -> None:
+@given(st.lists(st.sampled_from([[], [10], [11], [10, 11]]), max_size=12))
+def test_no_report_brings_back_collected_pellet_fault_7(reports: list[list[int]]) -> None:
     executor = running()
-    executor.statuses.counted(0)
     executor.check((1.0, 0.0), (), 1.0)
-    assert words(executor.check((3.0, 0.0), [(3.0, 0.0)], 2.0))[:3] == [
-        *("event clyde killed", "status pellet_collected:10", "status death_detected"),
-    ]
+    for second, report in enumerate(reports, 2):
+        checked(executor, report, float(second))
+        assert set(executor.round.left) == set(report) - {10}
 
 
-def test_early_complete_is_withdrawn_when_pellets_reappear() -> None:
-    executor = running()
-    assert [words(executor.pellets({}, 0, now)) for now in (1.0, 3.0)] == [[], ["status game_complete"]]
-    executor.pellets(PELLETS, 0, 4.0)
-    executor.statuses.open()
-    assert executor.statuses.open() == []
-    assert executor.round.left == PELLETS
+def test_restored_round_continues_alike() -> None:
+    executor, other = frightening(), running(goals=POWER_GOALS)
+    other.round.restore([10], 0, json.loads(json.dumps(executor.round.harmless_s(2.0))), 102.0)
+    other.round.report(PELLETS, 0)
+    assert other.round.left == executor.round.left
+    at = (3.0, 0.0)
+    for ghosts, now in (([AWAY, at], 3.0), ([AWAY, at], 4.0), ([at, AWAY], 22.0)):
+        assert words(other.check(at, ghosts, now + 100.0)) == words(executor.check(at, ghosts, now))
+    assert other.round.harmless_s(122.0) == executor.round.harmless_s(22.0)
 
 
 # Power pellets
@@ -111,11 +109,10 @@ def test_early_complete_is_withdrawn_when_pellets_reappear() -> None:
 
 def test_frightened_ghost_is_caught_once_and_dangerous_after_its_return() -> None:
     executor = frightening()
-    executor.statuses.catches_counted(2)  # by an executing side before this one
     at = (3.0, 0.0)
-    assert words(executor.check(at, [AWAY, at], 2.0)) == ["status ghost_caught:3:blinky"]
+    assert words(executor.check(at, [AWAY, at], 2.0)) == ["status ghost_caught:1:blinky"]
     assert words(executor.check(at, [AWAY, at], 6.5)) == []
-    assert words(executor.check(at, [at, AWAY], 6.9))[-1] == "status ghost_caught:4:clyde"
+    assert words(executor.check(at, [at, AWAY], 6.9))[-1] == "status ghost_caught:2:clyde"
     assert "status death_detected" in words(executor.check(at, [AWAY, at], 7.1))
 
 
@@ -124,7 +121,7 @@ def test_later_rounds_frighten_for_shorter(round: int, harmless_s: float) -> Non
     executor = running(goals=POWER_GOALS)
     executor.round.begin(round)
     executor.command("reset_round", 0.0)
-    executor.pellets(PELLETS, 0, 0.0)
+    executor.round.report(PELLETS, 0)
     executor.check((1.0, 0.0), [AWAY], 1.0)
     assert executor.check((3.0, 0.0), [(3.1, 0.0)], 1.0 + harmless_s + 0.1)[0].kind == "event"
     assert executor.round.ghosts[0, HARMLESS_UNTIL] == pytest.approx(1.0 + harmless_s)

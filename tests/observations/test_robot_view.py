@@ -172,7 +172,7 @@ def test_unreachable_pellets_are_known_but_no_candidates() -> None:
     places = generate_pellets(assets.occupancy, PelletConfig(spacing_m=0.5))
     everything = dict(zip(places.ids.tolist(), map(tuple, places.position.tolist()), strict=True))
     assert not game.pellets(everything).unknown
-    assert not game.is_candidate(far)
+    assert far in game.out_of_reach(everything)
     game.see_ghost(0, 0.0, 0.0, 0)
     situation = game.situation(Seen(0.0, (0.0, 0.0, 0.0), left=list(everything)))
     assert situation.pellets_left[0] == assets.pellets

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from pacman_env.observations.situation import HOLD, REFUGE, Situation
-from pacman_env.policies.base import BasePolicy, hold_index
+from pacman_env.policies.base import BasePolicy, hold_index, reach
 from tests.policies.contract import random_situation
 
 
@@ -36,6 +36,11 @@ def three_candidates(mask: list[bool]) -> Situation:
 )
 def test_best_unmasked_score_wins_first_among_equals(scores: list[float], mask: list[bool], goal: int) -> None:
     assert Fixed(scores).select(three_candidates(mask)).tolist() == [goal]
+
+
+def test_harmless_ghosts_never_reach_candidate() -> None:
+    situation = replace(random_situation(0, 1), clyde_speed=np.zeros(1))
+    assert reach(situation, 0, 0.3)["ghost_later_s"] == np.inf
 
 
 def test_hold_is_found_by_kind() -> None:

@@ -6,7 +6,7 @@ import pytest
 from pacman_env.config import ConfigError
 from pacman_env.policies.base import Policy
 from pacman_env.policies.learned import PRETRAINED
-from pacman_env.policies.registry import LEARNED_CLYDE, make_policy, policy_names, split_ghosts
+from pacman_env.policies.registry import LEARNED_CLYDE, behaviours_of, make_policy, policy_names, split_ghosts
 from tests.policies.contract import PolicyContract
 
 
@@ -52,6 +52,12 @@ def test_ghosts_are_split_into_behaviours_and_policies(planner: Path) -> None:
     assert {number: policy.name for number, policy in policies.items()} == {1: "ppo", 2: "nearest", 3: "clyde"}
     with pytest.raises(ConfigError, match=r"clyde\.ghosts\[1\] = 'policy': name the \.onnx file that moves it"):
         split_ghosts(("wander", "policy"))
+
+
+def test_behaviours_are_found_without_loading_policies() -> None:
+    assert behaviours_of(("wander", "nobody.onnx", "nearest", "arcade")) == ("wander", "policy", "policy", "arcade")
+    with pytest.raises(ConfigError, match="nobody"):
+        behaviours_of(("wander", "nobody"))
 
 
 def test_learned_clyde_is_no_robot_policy() -> None:

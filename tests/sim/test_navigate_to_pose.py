@@ -42,7 +42,6 @@ def test_goals_succeed_one_after_another() -> None:
         assert math.dist(robot.belief[:2], goal) <= 0.3 + 0.02
         assert away(robot, *goal) <= 0.5
         assert navigation.active == ()
-        assert not robot.navigating
         steps(navigation, 0.5)
         here = robot.pose
         steps(navigation, 1.0)
@@ -114,7 +113,7 @@ def test_impossible_goal_is_aborted_and_stops_its_predecessor(goal: tuple[float,
     assert ended[1].message
     steps(navigation, 1.0)
     assert navigation.robot.velocity == pytest.approx((0.0, 0.0), abs=1e-9)
-    assert not navigation.robot.navigating
+    assert navigation.active == ()
 
 
 def test_goal_without_path_fails_after_eleven_seconds() -> None:

@@ -11,7 +11,7 @@ from msgspec import UNSET
 
 from pacman_env.web import page_messages as m
 from pacman_env.web.frame import Frame
-from pacman_env.web.game_interface import Refused
+from pacman_env.web.game_interface import MOST_NEWS, News, Refused
 from pacman_env.web.match import HARDEST
 from pacman_env.web.orders import Orders
 from pacman_env.web.played_round import PlayedRound
@@ -340,3 +340,15 @@ def test_server_shows_the_game_during_a_setup(
         go_on.set()
         assert one.wait("answer", lambda text: text["id"] == finished)["ok"]
         assert [text["map"]["name"] for text in one.texts if text["kind"] == "scene"][-1] == "loop"
+
+
+def test_news_keeps_only_the_newest_reason() -> None:
+    news = News()
+    for number in range(MOST_NEWS):
+        news.add(why={"goal": number})
+        news.add(words=str(number))
+    last = news.after(0)
+    assert len(last) == MOST_NEWS
+    assert sum("why" in one for one in last) == 1
+    assert last[-1]["number"] == 2 * MOST_NEWS
+    assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
