@@ -9,16 +9,16 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
+from mcap.records import Chunk, Footer
+from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from pacman_env import __version__
-from pacman_env.ros.bags.checksums import MAGIC, ChecksummedWriter, McapScan, one_line
 from pacman_env.ros.topics import GAME_STATE, Topic
 
 SUFFIX = ".unfinished"
-NO_CHECKSUM = "{} messages have no checksum, so damage cannot be excluded"
 _LISTED = 8  # most topics that the error for a bag without a game lists
 
 
@@ -38,13 +38,11 @@ class Bag:
 
     def __init__(self, reader: Reader, path: Path, namespace: str | None) -> None:
         self._reader, self._path = reader, path
-        self.unchecked = check(path)  # why messages may be damaged; empty if all were checked
+        checked = [_has_checksums(file) for file in _mcap_files(path)]
+        unchecked = "some messages have no checksum, so damage cannot be excluded"
+        self.unchecked = "" if checked and all(checked) else unchecked  # why messages may be damaged
         self.namespace = self._namespace(namespace)  # "" or "/robot_15"
         self.duration_s = reader.duration / 1e9
-
-    def has(self, topic: Topic) -> bool:
-        name = f"{self.namespace}/{topic.name}"
-        return any(connection.topic == name and connection.msgcount for connection in self._reader.connections)
 
     def messages(self, topics: Collection[Topic]) -> Iterator[Recorded]:
         """Yield the messages on these topics; BagError for a wrong type or a message that cannot be decoded."""
@@ -55,15 +53,13 @@ class Bag:
             expected = topic_of[connection.topic].type_name.replace("/", "/msg/")
             if connection.msgtype != expected:
                 raise BagError(f"{self._path}: {connection.topic} is {connection.msgtype}, expected {expected}")
-        if not connections:
-            return
         start = self._reader.start_time
-        try:
-            for connection, at_ns, raw in self._reader.messages(connections):
+        try:  # without connections, the reader would read all
+            for connection, at_ns, raw in self._reader.messages(connections) if connections else ():
                 message = store.deserialize_cdr(raw, connection.msgtype)
                 yield Recorded((at_ns - start) / 1e9, topic_of[connection.topic].name, message)
         except Exception as error:  # any error that broken bytes cause
-            raise BagError(f"{self._path}: broken: {one_line(error)}") from None
+            raise BagError(f"{self._path}: broken: {_one_line(error)}") from None
 
     def _namespace(self, choice: str | None) -> str:
         names = {connection.topic for connection in self._reader.connections}
@@ -71,12 +67,12 @@ class Bag:
         namespaces = sorted(name.removesuffix(ending) for name in names if name.endswith(ending))
         if choice is not None:
             namespaces = [name for name in namespaces if name.strip("/") == choice.strip("/")]
-        if len(namespaces) > 1:
+        if len(namespaces) == 1:
+            return namespaces[0]
+        if namespaces:
             raise BagError(f"{self._path}: games of several robots: choose one of {', '.join(namespaces)} as namespace")
-        if not namespaces:
-            topics = ", ".join(sorted(names)[:_LISTED]) or "nothing"
-            raise BagError(f"{self._path}: no game of this kind: no topic {GAME_STATE.name}, but {topics}")
-        return namespaces[0]
+        topics = ", ".join(sorted(names)[:_LISTED]) or "nothing"
+        raise BagError(f"{self._path}: no game of this kind: no topic {GAME_STATE.name}, but {topics}")
 
 
 @contextlib.contextmanager
@@ -91,65 +87,52 @@ def open_bag(path: Path, namespace: str | None = None) -> Iterator[Bag]:
         reader.open()
     except Exception as error:  # rosbags, its storages and its YAML parser raise many kinds
         remedy = remedy_for(path)
-        problems = [f"not a readable bag: {one_line(error)}"] if path.exists() or not remedy else []
-        raise BagError(f"{path}: {'; '.join([*problems, *([remedy] if remedy else [])])}") from None
-    try:
+        problem = "" if remedy and not path.exists() else f"not a readable bag: {_one_line(error)}"
+        raise BagError(f"{path}: {'; '.join(filter(None, (problem, remedy)))}") from None
+    with contextlib.closing(reader):
         yield Bag(reader, path, namespace)
-    finally:
-        reader.close()
 
 
-def check(path: Path) -> str:
-    """Raise BagError if a file of the bag is damaged; return a text about messages that could not be checked.
-
-    The text is empty if all messages were checked.
-    """
-    unchecked = 0
-    files = [file for file in mcap_files(path) if file.suffix.lower() == ".mcap"]
-    for file in files:
-        with file.open("rb") as stream:
-            scan = McapScan(stream)
-        if problems := scan.problems() or ["bytes outside its messages"] * scan.altered:
-            raise BagError(f"{path}: damaged: {'; '.join(problems)}")
-        unchecked += scan.unchecked
-    return "" if files and not unchecked else NO_CHECKSUM.format(unchecked or "all")
-
-
-def new_bag(folder: Path) -> Writer:
-    """Create a compressed MCAP bag with checksums and the writer's version; ``folder`` must not exist."""
-    writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=StoragePlugin.MCAP)
-    writer.STORAGE_PLUGINS = {StoragePlugin.MCAP: ChecksummedWriter}
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    writer.set_custom_data("pacman_env", __version__)
-    return writer
-
-
-def mcap_files(bag: Path) -> list[Path]:
-    """List the files of a bag: ``bag`` itself if it is a file, otherwise the MCAP files in the folder ``bag``.
-
-    The MCAP files of an unfinished bag are one folder deeper.
-    """
-    return [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
+def _has_checksums(file: Path) -> bool:
+    """Return True if all messages have a checksum; raise BagError if a checksum differs."""
+    checksums, damaged = list[int](), list[str]()
+    with file.open("rb") as stream:
+        try:
+            for record in StreamReader(stream, emit_chunks=True, validate_crcs=True).records:
+                if isinstance(record, Chunk):
+                    checksums.append(record.uncompressed_crc)
+                    try:
+                        breakup_chunk(record, validate_crc=True)
+                    except Exception:  # any error that broken bytes cause
+                        damaged.append(str(len(checksums)))
+                elif isinstance(record, Footer) and record.summary_start and record.summary_crc:
+                    stream.seek(record.summary_start)
+                    if crc32(stream.read()[:-12]) != record.summary_crc:  # all before this checksum and the magic
+                        raise ValueError("its summary differs from its checksum")
+                    break
+        except Exception as error:
+            if not damaged:
+                raise BagError(f"{file}: damaged: {_one_line(error)}") from None
+    if damaged:
+        raise BagError(f"{file}: damaged chunks: {', '.join(damaged)}")
+    return bool(checksums) and all(checksums)  # a file without chunks has none
 
 
-def unfinished_folder(bag: Path) -> Path:
-    return bag.with_name(bag.name + SUFFIX)
-
-
-def unfinished(path: Path) -> Path | None:
-    """Return the folder of an unfinished bag: its recorder will rename it to ``path``, or it is or contains ``path``.
-
-    Return None if there is no such folder.
-    """
-    candidates = (unfinished_folder(path), path, *path.parents)
-    return next((folder for folder in candidates if folder.name.endswith(SUFFIX) and folder.is_dir()), None)
+def _mcap_files(bag: Path) -> list[Path]:
+    """List the MCAP files of a bag, which is a file or a folder; an unfinished bag has them one folder deeper."""
+    files = [bag] if bag.is_file() else sorted(bag.glob("*.mcap")) or sorted(bag.glob("*/*.mcap"))
+    return [file for file in files if file.suffix == ".mcap"]
 
 
 def remedy_for(path: Path) -> str:
-    """Return the commands that complete an unfinished bag; empty if there is no unfinished bag at the path."""
-    folder = unfinished(path)
-    files = mcap_files(folder or path)
-    if len(files) != 1 or not _begins_as_mcap(files[0]):
+    """Return the commands that complete an unfinished bag; empty if there is no unfinished bag at the path.
+
+    The path may be the name of the finished bag, and may be inside the unfinished bag.
+    """
+    candidates = (path.with_name(path.name + SUFFIX), path, *path.parents)
+    folder = next((one for one in candidates if one.name.endswith(SUFFIX) and one.is_dir()), None)
+    files = _mcap_files(folder or path)
+    if len(files) != 1:
         return ""
     bag = folder.with_name(folder.name.removesuffix(SUFFIX)) if folder else path.with_name(f"{path.stem}_recovered")
     out = bag / f"{bag.name}_0.mcap"  # ROS expects this file name
@@ -158,7 +141,5 @@ def remedy_for(path: Path) -> str:
     return f"{begin}: mkdir {whole}; mcap recover {source} -o {target}; ros2 bag reindex {whole}"
 
 
-def _begins_as_mcap(file: Path) -> bool:
-    with contextlib.suppress(OSError), file.open("rb") as stream:
-        return stream.read(len(MAGIC)) == MAGIC
-    return False
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or repr(error)

@@ -10,9 +10,7 @@ import numpy as np
 
 from pacman_env.config import Config
 from pacman_env.game.goals import goal_name
-from pacman_env.levels.assets import MapAssets, map_assets
-from pacman_env.observations.robot_view import RobotView
-from pacman_env.observations.situation import Situation
+from pacman_env.levels.assets import map_assets
 from pacman_env.policies.base import KIND_NAMES, Policy
 from pacman_env.policies.policy_calls import choose, reset
 from pacman_env.policies.registry import make_policy
@@ -52,7 +50,7 @@ class ReplayReport:
     same: int = 0
     unknown: int = 0  # decisions without a recorded goal
     otherwise: list[Otherwise] = field(default_factory=list)
-    decision_ms: list[float] | None = None  # median, 99 % quantile, maximum
+    decision_ms: list[float] = field(default_factory=list)  # median, 99 % quantile, maximum
     robot: dict[str, list[float] | None] = field(default_factory=dict)  # 10 %, 50 % and 90 % quantiles by quantity
     simulator: dict[str, list[float] | None] = field(default_factory=dict)
 
@@ -66,8 +64,7 @@ class ReplayReport:
         ]
         if self.unchecked:
             lines.append(self.unchecked)
-        if self.decision_ms:
-            lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))
+        lines.append("decision: {:.2f} ms at 50 %, {:.2f} ms at 99 %, {:.2f} ms at most".format(*self.decision_ms))
         for one in self.otherwise[:_LISTED]:
             more = f", {one.decisions} times" if one.decisions > 1 else ""
             lines.append(f"{one.at_s:7.1f} s  {one.chosen} instead of {one.recorded}{more}")
@@ -88,69 +85,45 @@ def replay_bag(path: Path, map: str, policy: str, namespace: str | None = None) 
         config = recorded_config(bag)
         assets = map_assets(occupancy, config)
         report = ReplayReport(str(path), bag.namespace, map, policy, bag.duration_s, unchecked=bag.unchecked)
-        replay = _Replay(assets, config, chooser, report)
-        walk = Walk(bag, assets, config, replay)
-        replay.view = walk.view
-        walk.run()
-    report.rounds, report.bad_messages = walk.rounds, walk.bad_messages
+        walk = Walk(bag, assets, config)
+        elapsed_ms = _ask(chooser, config, walk, report)
+    report.rounds, report.statuses, report.bad_messages = walk.rounds, dict(walk.statuses), dict(walk.bad_messages)
+    if report.rounds == 0:
+        raise BagError(f"{path}: no round was played in it")
+    if report.decisions == 0:
+        raise BagError(f"{path}: no decision can be made: it lacks poses, a ghost or pellets of map {map}")
+    report.decision_ms = [float(q) for q in np.quantile(elapsed_ms, (0.5, 0.99, 1.0))]
     report.robot = walk.motion.quantiles()
-    replay.finish()
     report.simulator = simulated_statistics(assets, config, make_policy(policy)).quantiles()
     return report
 
 
-class _Replay:
-    """Call the policy at each decision, and note where its choice differs."""
-
-    view: RobotView
-
-    def __init__(self, assets: MapAssets, config: Config, policy: Policy, report: ReplayReport) -> None:
-        self._assets, self._config, self._policy, self._report = assets, config, policy, report
-        self._elapsed_ms: list[float] = []
-        self._differs: tuple[str, str] | None = None
-
-    def begin(self, at_s: float) -> None:
-        reset(self._policy, np.ones(1, dtype=np.bool_), self._config)
-        self._differs = None
-
-    def report(self, at_s: float, status: str) -> None:
-        statuses, word = self._report.statuses, status.partition(":")[0]
-        statuses[word] = statuses.get(word, 0) + 1
-
-    def end(self, at_s: float, state: str, situation: Situation | None) -> None:
-        pass
-
-    def decide(self, at_s: float, situation: Situation, recorded: int | None) -> None:
+def _ask(policy: Policy, config: Config, walk: Walk, report: ReplayReport) -> list[float]:
+    """Call the policy at each decision, report where its choice differs, and return the duration of each call, ms."""
+    elapsed_ms: list[float] = []
+    round, differs = 0, None
+    for decision in walk.decisions():
+        if decision.round != round:
+            reset(policy, np.ones(1, dtype=np.bool_), config)
+            round, differs = decision.round, None
         start_s = time.perf_counter()
-        chosen = int(choose(self._policy, situation)[0])
-        self._elapsed_ms.append((time.perf_counter() - start_s) * 1e3)
-        self._report.decisions += 1
-        if recorded is None:
-            self._report.unknown += 1
-            return
-        if recorded == chosen:
-            self._report.same += 1
-            self._differs = None
-            return
-        differs = self._name(recorded), self._name(chosen)
-        if differs == self._differs:
-            self._report.otherwise[-1].decisions += 1
+        chosen = int(choose(policy, decision.situation)[0])
+        elapsed_ms.append((time.perf_counter() - start_s) * 1e3)
+        if decision.recorded is None:
+            report.unknown += 1
+        elif decision.recorded == chosen:
+            report.same += 1
+            differs = None
         else:
-            self._report.otherwise.append(Otherwise(at_s, 1, *differs))
-        self._differs = differs
+            before, differs = differs, (_name(walk, decision.recorded), _name(walk, chosen))
+            if differs == before:
+                report.otherwise[-1].decisions += 1
+            else:
+                report.otherwise.append(Otherwise(decision.at_s, 1, *differs))
+    report.decisions = len(elapsed_ms)
+    return elapsed_ms
 
-    def finish(self) -> None:
-        report = self._report
-        if self._elapsed_ms:
-            report.decision_ms = [float(q) for q in np.quantile(self._elapsed_ms, (0.5, 0.99, 1.0))]
-        if report.rounds == 0:
-            raise BagError(f"{report.bag}: no round was played in it")
-        if report.decisions == 0:
-            lacking = f"it lacks poses, a ghost or pellets of map {report.map}"
-            raise BagError(f"{report.bag}: no decision can be made: {lacking}")
 
-    def _name(self, candidate: int) -> str:
-        goal = self.view.goal(candidate)
-        if goal is None:
-            return KIND_NAMES[2]
-        return f"{goal_name(self._assets.pellet_ids.tolist(), candidate)} at ({goal.x:.2f}, {goal.y:.2f})"
+def _name(walk: Walk, candidate: int) -> str:
+    goal, pellet_ids = walk.view.goal(candidate), walk.view.assets.pellet_ids.tolist()
+    return KIND_NAMES[2] if goal is None else f"{goal_name(pellet_ids, candidate)} at ({goal.x:.2f}, {goal.y:.2f})"

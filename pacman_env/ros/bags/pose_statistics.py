@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ DRIVING_MPS = 0.05  # a slower robot stands
 STANDING_S = 5.0  # longer intervals between poses do not count: AMCL is silent while the robot stands
 MOST_S = 300.0  # longest simulated game
 _PERIOD_S = 0.1  # period of the lidar, the shortest time between poses
+_UNSEEN = math.inf, math.inf, -math.inf
 #: Compared quantities with their units.
 QUANTITIES = {
     "speed": "driving speed, m/s",
@@ -41,14 +41,7 @@ class PoseStatistics:
     counts: bool = True  # False: received values make no samples
     _pose_s: float = 0.0
     _pose_odometry: Pose | None = None  # odometry when the last pose was received
-    _clyde: tuple[float, float, float] | None = None  # Clyde's last x, y and the time
-
-    @property
-    def believed(self) -> Pose | None:
-        """Last pose continued by odometry, like TF; None before the first pose."""
-        if self.pose is None or self.odometry is None or self._pose_odometry is None:
-            return self.pose
-        return compose(self.pose, relative(self._pose_odometry, self.odometry))
+    _clyde: tuple[float, float, float] = _UNSEEN  # Clyde's x and y, and the time of its last move
 
     def drive(self, odometry: Pose, speed_mps: float) -> None:
         self.odometry = odometry
@@ -59,26 +52,23 @@ class PoseStatistics:
         if self.pose is not None and 0 < at_s - self._pose_s < STANDING_S:
             self._sample("interval", at_s - self._pose_s)
             self._sample("distance", math.dist(pose[:2], self.pose[:2]))
-            if self._pose_odometry is not None and (believed := self.believed) is not None:
-                jump = relative(believed, pose)
+            if self._pose_odometry is not None and self.odometry is not None:
+                expected = compose(self.pose, relative(self._pose_odometry, self.odometry))
+                jump = relative(expected, pose)
                 self._sample("jump", math.hypot(*jump[:2]))
                 self._sample("turn", abs(jump[2]))
         self.pose, self._pose_s, self._pose_odometry = pose, at_s, self.odometry
 
     def see_clyde(self, at_s: float, x: float, y: float) -> None:
-        if self._clyde is not None and 0 < at_s - self._clyde[2] < 1.0:
-            moved_m = math.dist((x, y), self._clyde[:2])
-            if moved_m > 0:
-                self._sample("clyde", moved_m / (at_s - self._clyde[2]))
-        self._clyde = x, y, at_s
+        moved_m, passed_s = math.dist((x, y), self._clyde[:2]), at_s - self._clyde[2]
+        if moved_m > 0 and 0 < passed_s < 1.0:
+            self._sample("clyde", moved_m / passed_s)
+        if moved_m != 0:
+            self._clyde = x, y, at_s
 
     def _sample(self, name: str, value: float) -> None:
         if self.counts:
             self.samples[name].append(value)
-
-    def begin_game(self) -> None:
-        """Start another game: its poses do not continue those of the previous game."""
-        self.pose = self.odometry = self._pose_odometry = self._clyde = None
 
     def quantiles(self) -> dict[str, list[float] | None]:
         """Return the 10 %, 50 % and 90 % quantiles of each quantity, None for a quantity without samples."""
@@ -90,16 +80,16 @@ class PoseStatistics:
 
 def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, rounds: int = 4) -> PoseStatistics:
     """Simulate rounds with the seeds 0 to ``rounds`` - 1, sampled at the highest rate of received poses."""
-    statistics = PoseStatistics()
+    samples = PoseStatistics().samples
     finer = config.with_fields(**{"execution.tick_s": _PERIOD_S, "execution.check_period_s": _PERIOD_S})
     decide_every = round(config.execution.tick_s / _PERIOD_S)
     batch, last = GameBatch(assets, finer, 1), LastDecision(config)
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         policy.reset(np.ones(1, dtype=np.bool_), config)
-        statistics.begin_game()
+        statistics = PoseStatistics(samples)  # poses do not continue those of the previous game
         last.clear()
-        game, last_update, last_clyde = batch.games[0], -1, None
+        game, last_update = batch.games[0], -1
         choice: NDArray[np.int64] = np.array([batch.hold])
         for tick in range(round(MOST_S / _PERIOD_S)):
             if tick % decide_every == 0 and last.due(moment := batch.moment(0)):
@@ -109,17 +99,9 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
             if game["end"] != RUNNING:
                 break
             at_s = float(game["step"]) * config.physics_step_s
-            statistics.drive(_pose(game, "x", "y", "heading"), float(game["left"] + game["right"]) / 2)
+            statistics.drive(game[["x", "y", "heading"]].item(), float(game["left"] + game["right"]) / 2)
             if game["amcl_step"] != last_update:
                 last_update = game["amcl_step"]
-                statistics.localize(at_s, _pose(game, "amcl_x", "amcl_y", "amcl_heading"))
-            clyde = tuple(batch.obstacles[0, 0, :2].tolist())
-            if clyde != last_clyde:
-                last_clyde = clyde
-                statistics.see_clyde(at_s, *clyde)
-    return statistics
-
-
-def _pose(game: Any, *names: str) -> Pose:
-    x, y, heading = (float(game[name]) for name in names)
-    return x, y, heading
+                statistics.localize(at_s, game[["amcl_x", "amcl_y", "amcl_heading"]].item())
+            statistics.see_clyde(at_s, *batch.obstacles[0, 0, :2].tolist())
+    return PoseStatistics(samples)
