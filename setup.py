@@ -41,9 +41,7 @@ commands = [f"pacman-env = {NAME}.cli.main:main"]
 data_files = []
 if not {"bdist_wheel", "dist_info", "editable_wheel"} & set(sys.argv):  # pip's way: no ten commands on a user's path
     nodes = runpy.run_path(str(Path(__file__).with_name(NAME) / "ros" / "game_nodes.py"))
-    commands += [f"{node} = {nodes['module_of'](node)}:main" for node in nodes["NODES"]]  # of `ros2 run`
-    commands.append(f"{nodes['LOCK_STEP']} = {NAME}.ros.lock_step.__main__:main")
-    commands.append(f"{nodes['COMPOSED']} = {NAME}.ros.composed:main")
+    commands += [f"{name} = {module}:main" for name, module in nodes["MODULES"].items()]  # of `ros2 run`
     data_files = [
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -1,7 +1,7 @@
 """All nodes of a game: `ros2 launch pacman_env game.launch.py map:=/path/map.yaml policy:=ppo namespace:=robot_15`.
 
-Launch localization and Nav2 as well (docs/robot/first_game.md). The goal selector starts when the robot has a pose. On
-Ctrl-C `launch` stops all nodes at once; `pacman-env ros up` does it in order, the robot first.
+Launch localization and Nav2 as well (docs/robot/first_game.md). A round can start when the robot has a pose. On Ctrl-C
+`launch` stops all nodes at once; `pacman-env ros up` stops the robot first.
 """
 
 import shlex
@@ -25,36 +25,26 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from pacman_env.ros.discovery import BEYOND, stay_on_this_machine
-from pacman_env.ros.game_nodes import (
-    COMPOSED,
-    FIRST_STEP,
-    LOCK_STEP,
-    NAMESPACE,
-    NAV2,
-    NAV2_BY_HAND,
-    PROCESSES,
-    RESTARTED,
-    WAIT,
-    GameSetup,
-    following,
-)
+from pacman_env.ros.game_nodes import NAMESPACE, NAV2, NAV2_BY_HAND, SELECTORS, SHADOW, GameSetup, executable
 from pacman_env.ros.supervisor import nav2
 from pacman_env.ros.supervisor.processes import BAD_START
 
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
     ("policy", "ppo", "what picks the goals: a policy's name or an .onnx file"),
+    ("selector", SELECTORS[0], f"who sends goals, one of {', '.join(SELECTORS)}; original: somebody else's planner"),
+    ("shadow", "", "a policy that decides and logs as well, but sends nothing"),
     ("namespace", NAMESPACE, "of the robot"),
     ("sim", "false", "true: a simulated robot takes the real one's place, on this machine alone"),
     ("speed", "1.0", "of the simulated robot's clock, 1 to 10"),
-    ("lock_step", "false", "true, with sim: all nodes in one process, as fast as they handle what is published"),
-    ("seed", "0", "of a lock-step game"),
-    ("composed", "false", "true: all nodes but the robot's and the goal selector in one process, for less memory"),
     ("nav2", "", "with sim, a real Nav2 for the simulated base: bringup (nav2_bringup), none (by hand) or a command"),
     ("preset", "robot", "the configuration that every node plays by"),
     ("execution", "robust", "of Algorithm 4"),
     ("home", "", "x, y and heading of home, m and rad, separated by blanks; empty: where the robot is in the menu"),
     ("settings", "", "fields of the configuration, name=value, separated by blanks"),
+    ("params_file", "", "ROS parameters, as in config/game.yaml; the other arguments have priority"),
+    ("use_sim_time", "false", "true: take the time from /clock, as from Gazebo on this machine; always with sim"),
+    ("log_level", "info", "of every node: debug, info, warn, error or fatal"),
 )
 RESPAWN = {"respawn": True, "respawn_delay": 2.0}
 
@@ -79,44 +69,51 @@ def _confined():
     ]
 
 
+def _is_true(name, text):
+    if text.lower() not in ("true", "false"):
+        raise ValueError(f"{name}:={text}: must be true or false")
+    return text.lower() == "true"
+
+
 def _nodes(context):
     given = {name: LaunchConfiguration(name).perform(context) for name, _, _ in ARGUMENTS}
-    for name in ("sim", "lock_step", "composed"):
-        if given[name].lower() not in ("true", "false"):
-            raise ValueError(f"{name}:={given[name]}: must be true or false")
-        given[name] = given[name].lower() == "true"
-    given |= {"speed": float(given["speed"]), "seed": int(given["seed"])}
+    log_level, sim_time = given.pop("log_level"), _is_true("use_sim_time", given.pop("use_sim_time"))
+    given |= {"sim": _is_true("sim", given["sim"]), "speed": float(given["speed"])}
     setup = GameSetup(**given | {"settings": tuple(given["settings"].split()), "home": _home(given["home"])})
-
+    if setup.params_file and not Path(setup.params_file).is_file():
+        raise ValueError(f"params_file:={setup.params_file}: no such file")
     nav2.check(setup)
     foreign = nav2.command(setup, Path(tempfile.mkdtemp(prefix="pacman_env-")))[1:] if setup.nav2 else []
 
     def start(name):
-        process = PROCESSES[name]
-        if name in (LOCK_STEP, COMPOSED):
-            given = {"arguments": [setup.as_json()]}
-        else:
-            given = {"name": name, "namespace": setup.namespace, "parameters": [setup.parameters(name)]}
-        respawn = RESPAWN if process.end == RESTARTED else {}
         if name == NAV2:
-            node = ExecuteProcess(cmd=foreign, name=name, output="screen", **respawn)
+            node = ExecuteProcess(cmd=foreign, name=name, output="screen", **RESPAWN)
         else:
-            node = Node(package="pacman_env", executable=name, output="screen", **given, **respawn)
+            parameters = setup.parameters(name) | ({"use_sim_time": True} if sim_time else {})
+            # A shadow is not started again. pacman_game has several nodes, which keep their names.
+            own = {"name": name} if name == SHADOW else RESPAWN
+            node = Node(
+                package="pacman_env",
+                executable=executable(name),
+                namespace=setup.namespace,
+                parameters=[*filter(None, [setup.params_file, parameters])],
+                remappings=setup.remappings(name),
+                ros_arguments=["--log-level", log_level],
+                output="screen",
+                **own,
+            )
 
         def ended(event, context):
-            if process.end == RESTARTED and event.returncode != BAD_START:  # else starting it again does not help
+            if event.returncode != BAD_START or name == SHADOW:
                 return []
-            if process.end == FIRST_STEP and event.returncode == 0:
-                return [action for later in following(name) for action in start(later)]
-            reason = "the robot is not localized" if name == WAIT else f"{name} has ended: its last line says why"
-            return [EmitEvent(event=Shutdown(reason=reason))]
+            return [EmitEvent(event=Shutdown(reason=f"{name} cannot start: its last line says why"))]
 
         return [RegisterEventHandler(OnProcessExit(target_action=node, on_exit=ended)), node]
 
     return [
         *(_confined() if setup.sim else ()),
         *((LogInfo(msg=f"start Nav2: {shlex.join(foreign)}"),) if setup.nav2 == NAV2_BY_HAND else ()),
-        *(action for name in setup.first_processes for action in start(name)),
+        *(action for name in setup.processes for action in start(name)),
     ]
 
 

@@ -119,7 +119,8 @@ def _add_web(commands: Any) -> None:
     add("--viewers", type=whole_number(1, 1000), default=100, help="maximum number of viewers (%(default)s)")
     add("--open", action="store_true", help="open the page in a browser on this machine")
     simulated = web.add_argument_group("simulated game")
-    add_game_option(simulated, "--map", help="map: a name, a file or its folder, or generated (a new house each round)")
+    map = "map: a name, a file or its folder, or generated (a new house each round) (house); --ros: the robot's"
+    add_game_option(simulated, "--map", default=None, help=map)
     for option in ("--preset", "--policy", "--ghosts", "--set"):
         add_game_option(simulated, option)
     first = "seed of the first round; later rounds derive from it (random)"
@@ -155,9 +156,9 @@ def _web(arguments: argparse.Namespace) -> int:
 
 def _robots_game(arguments: argparse.Namespace) -> Any:
     with what_ros_needs():  # the call imports ROS modules, too
-        from pacman_env.ros.operator_page.ros_game import open_game
+        from pacman_env.ros.operator_page.ros_game import OpenGame
 
-        return open_game(arguments.namespace, arguments.domain_id, arguments.sim)
+        return OpenGame(arguments.namespace, arguments.domain_id, arguments.sim, arguments.map)
 
 
 def _simulated_game(arguments: argparse.Namespace) -> Any:
@@ -166,6 +167,7 @@ def _simulated_game(arguments: argparse.Namespace) -> Any:
     from pacman_env.web.simulated import SimulatedGame
     from pacman_env.world.maps.occupancy import load_map, shipped_maps
 
+    arguments.map = arguments.map or "house"
     own = arguments.map not in (*shipped_maps(), GENERATED)
     rules = Rules(
         map=load_map(arguments.map).name if own else arguments.map,

@@ -32,6 +32,7 @@ ASKING = {
 def add_ros_group(commands: Any) -> None:
     group = add_subcommands(commands.add_parser("ros", help="play on a robot"))
     _add_up(group)
+    _add_goal_selector(group)
     for name, text in ASKING.items():
         parser = group.add_parser(name, help=text)
         _add_waiting(parser, 0.1, "longest time to wait for an answer, s")
@@ -69,25 +70,41 @@ def _add_waiting(parser: Any, least_s: float, what: str) -> None:
     parser.add_argument("--wait", type=wait_s, default=WAIT_S, metavar="S", help=f"{what} (%(default)g)")
 
 
+def _add_playing(parser: Any) -> None:
+    """Add the options of a game's configuration."""
+    add_game_option(parser, "--map", required=True, help="map that localization uses")
+    for option in ("--policy", "--preset", "--set"):
+        add_game_option(parser, option)
+    add = parser.add_argument
+    add("--params-file", default="", metavar="FILE", help="ROS parameters (config/game.yaml); options have priority")
+    add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
+    home, pose = "home pose, m and rad (pose of the robot when the first round starts)", ("X", "Y", "HEADING")
+    add("--home", nargs=3, type=finite_number(), metavar=pose, help=home)
+
+
+def _add_goal_selector(group: Any) -> None:
+    text = "play in a game of other software, such as the original's, in place of its goal selector"
+    parser = group.add_parser("goal_selector", help=text)
+    _add_playing(parser)
+    parser.add_argument("--sim", action="store_true", help="play in a simulated game on this machine")
+    parser.add_argument("--shadow", action="store_true", help="decide and log, but send nothing")
+    _add_where(parser, _goal_selector)
+
+
 def _add_up(group: Any) -> None:
     up = group.add_parser("up", help="start all nodes of a game, show its status, and stop the nodes at the end")
     add, number, port = up.add_argument, finite_number(), whole_number(1, 65535)
-    add_game_option(up, "--map", required=True, help="map that localization uses")
-    for option in ("--policy", "--preset", "--set"):
-        add_game_option(up, option)
+    _add_playing(up)
     add("--sim", action="store_true", help="simulate the robot on this machine")
     add("--speed", type=number, default=1.0, help="with --sim: speed relative to real time, 1 to 10 (%(default)s)")
     real = "with --sim: drive with a real Nav2: bringup (launch file of nav2_bringup, the default of WHAT), none (you "
     real += "start it), or a command that may use {namespace}, {map} and {params}"
     add("--nav2", nargs="?", const="bringup", default="", metavar="WHAT", help=real)
-    in_step = "with --sim: run all nodes in one process; simulated time waits until each message has been handled"
-    add("--lock-step", action="store_true", help=in_step)
-    add_game_option(up, "--seed", type=whole_number(0, 2**31 - 1), help="seed for --lock-step")
-    one = "run all nodes except simulated robot and goal selector in one process, to save memory"
-    add("--composed", action="store_true", help=one)
-    add("--execution", default="robust", help="execution of goals: robust or as_built (%(default)s)")
-    home, pose = "home pose, m and rad (pose of the robot when the first round starts)", ("X", "Y", "HEADING")
-    add("--home", nargs=3, type=number, metavar=pose, help=home)
+    who = (
+        "who sends goals: ours (--policy), original (a foreign goal selector, not started here), or none (%(default)s)"
+    )
+    add("--selector", default="ours", metavar="WHO", help=who)
+    add("--shadow", default="", metavar="POLICY", help="policy that decides and logs as well, but sends nothing")
     add("--start", action="store_true", help="start the first round as soon as all nodes are ready")
     add("--play-on", action="store_true", help="start every round automatically; only with --sim")
     add("--rounds", type=whole_number(1), metavar="N", help="start N rounds automatically, then exit; only with --sim")
@@ -97,20 +114,29 @@ def _add_up(group: Any) -> None:
     _add_where(up, _up)
 
 
+def _playing(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the fields of ``GameSetup`` that the options of ``_add_playing`` set."""
+    names = ("map", "policy", "namespace", "sim", "preset", "execution", "params_file")
+    home = None if arguments.home is None else tuple(arguments.home)
+    return {name: getattr(arguments, name) for name in names} | {"settings": tuple(arguments.set), "home": home}
+
+
+def _goal_selector(arguments: argparse.Namespace) -> int:
+    with what_ros_needs():
+        from pacman_env.ros.discovery import join
+        from pacman_env.ros.game_nodes import SELECTOR, SHADOW, GameSetup
+        from pacman_env.ros.selector.goal_selector_node import main
+    setup = GameSetup(**_playing(arguments), shadow=arguments.policy if arguments.shadow else "")
+    join(arguments.domain_id, arguments.sim)
+    return main(setup.command(SHADOW if arguments.shadow else SELECTOR)[1:])
+
+
 def _up(arguments: argparse.Namespace) -> int:
     with what_ros_needs():
         from pacman_env.ros.game_nodes import GameSetup
         from pacman_env.ros.supervisor.up import UpOptions, up
-    setup = GameSetup(
-        *(arguments.map, arguments.policy, arguments.namespace, arguments.sim, arguments.speed),
-        *(arguments.preset, arguments.execution, tuple(arguments.set)),
-        home=None if arguments.home is None else tuple(arguments.home),
-        web=arguments.web,
-        lock_step=arguments.lock_step,
-        seed=arguments.seed,
-        composed=arguments.composed,
-        nav2=arguments.nav2,
-    )
+    names = ("speed", "web", "selector", "shadow", "nav2")
+    setup = GameSetup(**_playing(arguments), **{name: getattr(arguments, name) for name in names})
     begins = arguments.start, arguments.play_on, arguments.rounds
     return up(setup, UpOptions(arguments.domain_id, arguments.logs, *begins))
 

@@ -159,15 +159,22 @@ def _two_players() -> None:
 
 
 def _robot() -> None:
+    from pacman_env.levels.assets import map_assets
+    from pacman_env.observations.robot_view import RobotView
     from pacman_env.policies.registry import policy_names
     from pacman_env.ros.game_nodes import GameSetup
-    from pacman_env.ros.supervisor.preparation import jobs
-    from pacman_env.ros.supervisor.prepare_game import prepare
+    from pacman_env.ros.selector.policy_child import Policies, PolicySetup
+    from pacman_env.sim.ghost_state import MapGhosts
+    from pacman_env.sim.robot_simulation import SimulatedRobot
+    from pacman_env.world.maps.occupancy import load_map
 
+    setup, occupancy = GameSetup("house", sim=True), load_map("house")
     for policy in policy_names():
-        setup = GameSetup("house", policy, sim=True)
-        for job in jobs(setup):
-            prepare(job, setup)
+        Policies(PolicySetup(policy, setup.map, setup.preset, setup.execution, []))
+    assets = map_assets(occupancy, setup.config())
+    RobotView(assets, setup.config()).compile_kernels()
+    MapGhosts(assets, setup.config(), 0).compile_kernels()
+    SimulatedRobot(occupancy, setup.config(), 0).compile_kernels()
 
 
 #: Parts by their printed name.

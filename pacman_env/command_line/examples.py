@@ -64,6 +64,7 @@ EXAMPLES: dict[str, tuple[Example, ...]] = {
     "ros release": (("ros release --namespace robot_15", "let the robot drive again"),),
     "ros status": (("ros status --sim --json", "print the status of a simulated game as JSON"),),
     "ros doctor": (("ros doctor --map home.yaml --namespace robot_15", "check the robot before a game"),),
+    "ros goal_selector": (("ros goal_selector --map home.yaml --policy nearest", "play in the original's game"),),
     "ros record": (("ros record --out games/first", "record until Ctrl-C"),),
     "ros replay": (("ros replay games/first --map home.yaml --policy nearest", "show what nearest would have done"),),
 }

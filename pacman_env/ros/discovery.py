@@ -4,13 +4,12 @@ The middleware reads these settings when a process creates its first node. ROS i
 
 import contextlib
 import os
+import re
 import time
-from collections.abc import Iterable, Iterator, MutableMapping, Sequence
+from collections.abc import Iterable, MutableMapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from pacman_env.files import user_folder
 
@@ -21,9 +20,8 @@ HIGHEST_DOMAIN = 232  # highest domain of DDS, from its formula for ports
 _NAMES_S = 1.0
 _UNKNOWN_NAMESPACE, _UNKNOWN_NAME = "_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_"  # ROS's words
 NAMELESS = "a node without a name"
-#: The parser of ROS, which reads tabs between words, if PyYAML was built with it.
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_TRUE = ("true", "yes", "on", "y")  # in lower case, as ROS reads them
+_SIMULATED = re.compile(rf"""^[^#\n]*\buse_sim_time["']?\s*:\s*({"|".join(_TRUE)})\b""", re.IGNORECASE | re.MULTILINE)
 TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _UDP_ALONE = Path(__file__).with_name("udp_alone.xml")
@@ -33,11 +31,9 @@ BEYOND = ("ROS_DISCOVERY_SERVER", "ROS_SUPER_CLIENT", "ROS_STATIC_PEERS")
 
 def domain_of(text: str) -> int:
     """Parse a ROS domain from a command line or the environment; an empty text is domain 0, as in ROS."""
-    if not text:
-        return 0
-    if not (text.isascii() and text.isdigit() and int(text) <= HIGHEST_DOMAIN):
+    if text and not (text.isascii() and text.isdigit() and int(text) <= HIGHEST_DOMAIN):
         raise ValueError(f"ROS_DOMAIN_ID {text!r}: must be a whole number, 0 to {HIGHEST_DOMAIN}")
-    return int(text)
+    return int(text or 0)
 
 
 def join(domain: int | None, this_machine: bool) -> int:
@@ -54,10 +50,9 @@ def join(domain: int | None, this_machine: bool) -> int:
     return number
 
 
-def stay_on_this_machine(environment: MutableMapping[str, str] | None = None) -> None:
+def stay_on_this_machine(environment: MutableMapping[str, str] = os.environ) -> None:
     """Prevent nodes created later from discovering other machines, such as a real robot."""
-    environment = os.environ if environment is None else environment
-    environment[_RANGE] = "LOCALHOST"
+    environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     for name in BEYOND:
         environment.pop(name, None)
 
@@ -71,13 +66,12 @@ def provide_log_folder() -> None:
             os.environ["ROS_LOG_DIR"] = str(user_folder("log") / "ros")
 
 
-def avoid_shared_memory(environment: MutableMapping[str, str] | None = None) -> None:
+def avoid_shared_memory(environment: MutableMapping[str, str] = os.environ) -> None:
     """Make nodes created later communicate by UDP only, unless the user's environment or profile decides.
 
     Fast DDS 2.14 does not notice that a process was killed while reading its shared-memory port: it deletes the port
     when the process restarts, but older processes may write to the deleted port forever.
     """
-    environment = os.environ if environment is None else environment
     if not (environment.get("RMW_IMPLEMENTATION") or "rmw_fastrtps").startswith("rmw_fastrtps"):
         return
     files = [environment[name] for name in PROFILES if environment.get(name)]
@@ -97,42 +91,18 @@ def users_environment() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if value != str(_UDP_ALONE)}
 
 
-@contextlib.contextmanager
-def undiscovered() -> Iterator[None]:
-    """Isolate nodes: nodes of an rclpy context created in this block discover only each other."""
-    previous = os.environ.get(_RANGE)
-    os.environ[_RANGE] = "OFF"
-    try:
-        yield
-    finally:
-        if previous is None:
-            del os.environ[_RANGE]
-        else:
-            os.environ[_RANGE] = previous
-
-
 def simulated(arguments: Sequence[str]) -> bool:
     """Return True if ROS arguments, or a readable parameter file among them, set simulated time."""
     pairs = list(pairwise(arguments))
     assignments = [text.partition(":=") for flag, text in pairs if flag in ("-p", "--param")]
     values = [value for name, _, value in assignments if name.rpartition(":")[2].strip() == "use_sim_time"]
     if values:
-        return _is_true(values[-1].strip())
+        return values[-1].strip().lower() in _TRUE
     for file in (Path(text) for flag, text in pairs if flag == "--params-file"):
-        with contextlib.suppress(OSError, ValueError, yaml.YAMLError):  # ROS reports the error
-            if _asks(yaml.load(file.read_text(), _LOADER)):
+        with contextlib.suppress(OSError, ValueError):  # ROS reports the error
+            if _SIMULATED.search(file.read_text()):
                 return True
     return False
-
-
-def _is_true(value: object) -> bool:
-    return str(value).lower() in ("true", "yes", "on", "y")
-
-
-def _asks(content: Any) -> bool:
-    if not isinstance(content, dict):
-        return False
-    return _is_true(content.get("use_sim_time")) or any(_asks(value) for value in content.values())
 
 
 def costmaps_without(node: Any, topic: str) -> list[str]:

@@ -11,26 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.ros import message_conversion as messages
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import (
-    LONGEST_WORD,
-    BadMessage,
-    Pose,
-    Position,
-    ghost_times_of,
-    nanoseconds_of,
-    number_of,
-    object_of,
-    pellets_of,
-    pose_of,
-    power_pellets_of,
-    process_of,
-    word_of,
-)
+from pacman_env.ros.message_conversion import LONGEST_WORD, BadMessage, Pose, Position
 from pacman_env.ros.selector.reasons import troubles_of
 from pacman_env.ros.text import plain
 
-NO_RESPONSE = "{} does not respond"  # filled with a node's name
 _LONGEST_REPORT = 10_000  # characters
 _MOST = 10**9
 _MOST_PROCESSES = 100
@@ -46,12 +32,12 @@ class Stamped(NamedTuple):
 
 
 def stamped_pose_of(message: Any) -> Stamped:
-    return Stamped(pose_of(message), nanoseconds_of(message.header.stamp))
+    return Stamped(messages.pose_of(message), messages.nanoseconds_of(message.header.stamp))
 
 
 def configuration_of(message: Any) -> Configuration:
     """Return the configuration of a node with its name, its process, and the hashes of its configuration and map."""
-    content = process_of(message)
+    content = messages.process_of(message)
     try:
         return {
             "node": str(content["node"])[:100],
@@ -59,6 +45,7 @@ def configuration_of(message: Any) -> Configuration:
             "started": content["started"],
             "map": None if content["map"] is None else str(content["map"])[:100],
             "hash": str(content["hash"])[:100],
+            "rules": content.get("rules"),
             "configuration": dict(content["configuration"]),
         }
     except (ValueError, TypeError, LookupError):
@@ -72,12 +59,14 @@ def add_process(processes: Processes, configuration: Configuration) -> Processes
     return processes
 
 
-def reasons_of(message: Any) -> Mapping[str, str]:
-    """Return the nodes that do not respond to the referee, as reasons by the node's name."""
-    reasons = object_of(message, _LONGEST_REPORT)
-    if not all(isinstance(reason, str) for reason in reasons.values()):
-        raise BadMessage("reasons that are no text")
-    return {plain(node, 100): plain(reason, LONGEST_WORD) for node, reason in reasons.items()}
+def processes_of(message: Any) -> Mapping[str, Any]:
+    """Return ``processes`` (why each does not run, "" if it runs), the newest ``event`` and its ``number``."""
+    content = messages.object_of(message, _LONGEST_REPORT)
+    try:
+        reasons = {plain(str(name), 100): plain(str(text), LONGEST_WORD) for name, text in content["processes"].items()}
+        return {"processes": reasons, "event": plain(str(content["event"]), 300), "number": int(content["number"])}
+    except (ValueError, TypeError, LookupError, AttributeError):
+        raise BadMessage("not the processes of a game") from None
 
 
 class Monitored(NamedTuple):
@@ -88,12 +77,12 @@ class Monitored(NamedTuple):
 
 
 def _count(topic: topics.Topic, least: int = 0) -> Monitored:
-    return Monitored(topic, lambda message: int(number_of(message, least, _MOST)))
+    return Monitored(topic, lambda message: int(messages.number_of(message, least, _MOST)))
 
 
 #: Monitored topics by the name of the monitor's field.
 MONITORED = {
-    "state": Monitored(topics.GAME_STATE, lambda message: word_of(message, topics.STATE_WORDS)),
+    "state": Monitored(topics.GAME_STATE, lambda message: messages.word_of(message, topics.STATE_WORDS)),
     "result": Monitored(topics.GAME_RESULT, lambda message: plain(message.data, LONGEST_WORD)),
     "round": _count(topics.ROUND, 1),
     "score": _count(topics.SCORE),
@@ -101,13 +90,13 @@ MONITORED = {
     "pellets_spawned": _count(topics.PELLETS_SPAWNED),
     "ghosts_caught": _count(topics.GHOSTS_CAUGHT),
     "harmless_until_s": Monitored(
-        topics.HARMLESS_GHOSTS, lambda message: ghost_times_of(message, len(message.data) // 2)
+        topics.HARMLESS_GHOSTS, lambda message: messages.ghost_times_of(message, len(message.data) // 2)
     ),
-    "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: number_of(message, 0.0, MAX_SPEED_MPS)),
-    "condition": Monitored(topics.DIAGNOSTICS, object_of),
-    "unresponsive": Monitored(topics.UNRESPONSIVE, reasons_of),
+    "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: messages.number_of(message, 0.0, MAX_SPEED_MPS)),
+    "condition": Monitored(topics.DIAGNOSTICS, messages.object_of),
+    "started": Monitored(topics.PROCESSES, processes_of),
     "configuration": Monitored(topics.CONFIGURATION, configuration_of),
-    "pellets": Monitored(topics.PELLET_MARKERS, pellets_of),
+    "pellets": Monitored(topics.PELLET_MARKERS, messages.pellets_of),
     "pose": Monitored(topics.AMCL_POSE, stamped_pose_of),
 }
 _NAMES = {value.topic.name: name for name, value in MONITORED.items()}
@@ -130,21 +119,20 @@ class GameMonitor:
     harmless_until_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     clyde_speed_mps: float | None = None
     condition: Mapping[str, Any] = field(default_factory=dict)  # the goal selector's diagnostics
-    unresponsive: Mapping[str, str] = field(default_factory=dict)  # by node: why it does not respond, from the referee
+    started: Mapping[str, Any] = field(default_factory=dict)  # processes and events of ``ros up``
     configuration: Configuration = field(default_factory=dict)  # the last one received, of any node
     pellets: Mapping[int, Position] = field(default_factory=dict)
     power_pellets: set[int] = field(default_factory=set)  # ids, collected pellets included
     pose: Stamped | None = None  # the last ``amcl_pose``
     ghosts: dict[int, Stamped] = field(default_factory=dict)
-    began_s: float = 0.0  # time of the first message of the last round
+    began_s: float = 0.0  # time of the first message of the current state
     processes: Processes = field(default_factory=dict)  # of all nodes; a restarted node has several processes
     invalid: dict[str, str] = field(default_factory=dict)  # by name of a value: why its last message was refused
 
     @property
     def troubles(self) -> dict[str, str]:
-        """Texts of the current troubles by kind: nodes that do not respond, and reports of the goal selector."""
-        silent = {NO_RESPONSE.format(node): reason for node, reason in self.unresponsive.items()}
-        return {kind: f"{kind}: {reason}" for kind, reason in silent.items()} | troubles_of(self.condition)
+        """Texts of the current troubles by kind, as the game reports them."""
+        return troubles_of(self.condition)
 
     @property
     def nodes(self) -> dict[str, Configuration]:
@@ -171,10 +159,10 @@ class GameMonitor:
             self.invalid[name] = plain(str(error), LONGEST_WORD)
             raise
         self.invalid.pop(name, None)
-        if name == "state" and self.state == "running" != earlier:
+        if name == "state" and self.state != earlier:
             self.began_s = now_s
         elif name == "configuration":
             add_process(self.processes, self.configuration)
         elif name == "pellets":
-            power = power_pellets_of(message)
+            power = messages.power_pellets_of(message)
             self.power_pellets = power | (self.power_pellets - self.pellets.keys())

@@ -1,4 +1,4 @@
-"""The processes of a game in the order of their start, their parameters, and what follows when a process ends.
+"""The processes of a game in the order of their start, and their parameters.
 
 Used by ``pacman-env ros up``, ``launch/game.launch.py`` and ``setup.py``; does not import ROS."""
 
@@ -7,7 +7,8 @@ from __future__ import annotations
 import json
 import math
 import re
-from dataclasses import asdict, dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -15,57 +16,33 @@ if TYPE_CHECKING:
 
 NAMESPACE = "robot_15"  # the experiment's robot
 SIMULATOR = "sim_robot"
-WAIT = "wait_for_amcl_pose"
-SELECTOR = "goal_selector"
+WATCHER = "watcher"  # halts the robot if the game dies
+GAME = "pacman_game"  # the process with referee, pellets, ghosts, goal selector and the listeners
+LISTENERS = ("game_event_mapper", "game_light_node", "audio_node")
+SELECTOR = "goal_selector"  # a process only in somebody else's game
 ORIGINAL_SELECTOR = "planner_stub"  # the corresponding node of the experiment's software
-REFEREE = "game_controller"
-LOCK_STEP = "lock_step_game"  # the process that hosts all nodes of a lock-step game
-COMPOSED = "composed_nodes"  # the process that hosts the nodes of GAME
+ORIGINAL_REFEREE = "game_controller"
+#: Nodes of the experiment's software that are not started here; they have no namespace.
+ORIGINALS = (ORIGINAL_SELECTOR, ORIGINAL_REFEREE, "pellet_manager", "clyde_ghost_node")
+SHADOW = "shadow"  # a goal selector that sends nothing
+POLICY = "policy"  # the child process of the game that runs the policies
 NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
 NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # values of ``nav2``: Nav2's launch file; start by hand
 PAGE = "operator_page"  # optional; not a node of the game
 
-#: What follows the end of a process. RESTARTED: a restart. SPARE: a restart, or none if restarts do not help.
-#: FIRST_STEP: the start of the next process, if the exit status is 0. FINAL: the end of the game.
-RESTARTED, SPARE, FIRST_STEP, FINAL = "restarted", "spare", "first step", "final"
+#: Who sends goals: our goal selector; a foreign one, which is not started here; nobody.
+SELECTORS = OURS, ORIGINAL, NOBODY = ("ours", "original", "none")
 
-
-@dataclass(frozen=True)
-class GameProcess:
-    name: str
-    folder: str = "nodes"  # folder of its module, in pacman_env/ros
-    parameters: tuple[str, ...] = ()  # from the setup, in addition to the configuration of every node
-    configured: bool = True
-    end: str = RESTARTED
-    after: str = ""  # the process whose success starts it
-
-
-PROCESSES = {
-    process.name: process
-    for process in (
-        GameProcess(SIMULATOR, "simulated_robot", ("map_yaml", "speed", "home")),
-        GameProcess(NAV2, configured=False),
-        GameProcess("pellet_manager", parameters=("map_yaml",)),
-        GameProcess("audio_node"),
-        GameProcess("game_light_node"),
-        GameProcess("clyde_ghost_node", parameters=("map_yaml",)),
-        GameProcess("game_event_mapper"),
-        GameProcess(REFEREE),
-        GameProcess(WAIT, configured=False, end=FIRST_STEP),
-        GameProcess(SELECTOR, "selector", ("map_yaml", "policy", "home"), after=WAIT),
-        GameProcess(PAGE, "operator_page", end=SPARE),
-        GameProcess(LOCK_STEP, "lock_step", end=FINAL),
-        GameProcess(COMPOSED),
-    )
+#: Modules of nodes by the name of their executable.
+MODULES = {
+    SIMULATOR: "pacman_env.ros.simulated_robot.sim_robot",
+    WATCHER: "pacman_env.ros.supervisor.watcher",
+    GAME: "pacman_env.ros.pacman_game.pacman_game",
+    SELECTOR: "pacman_env.ros.selector.goal_selector_node",
+    **{name: f"pacman_env.ros.nodes.{name}" for name in (*LISTENERS, "wait_for_amcl_pose")},
 }
-#: Processes that are nodes, in order: the simulated robot, the game, the wait for a pose, the goal selector.
-NODES = tuple(name for name in PROCESSES if name not in (NAV2, PAGE, LOCK_STEP, COMPOSED))
-#: Nodes that only subscribe, publish and respond.
-GAME = tuple(name for name in NODES if name not in (SIMULATOR, WAIT, SELECTOR))
-#: Processes that move the robot and therefore stop first.
-MOVERS = (SELECTOR, COMPOSED, "game_event_mapper")
-#: Nodes that stop first in lock-step. Separate processes stop together, except the movers and the simulated robot.
-STOP_ORDER = (*MOVERS, "game_light_node", PAGE, "audio_node", REFEREE)
+#: Topics of a goal selector, which a shadow publishes under its own name.
+_OF_SELECTOR = ("scores", "why", "candidates", "diagnostics", "continue")
 
 QUIET = ("--disable-external-lib-logs",)  # a node's output is stored once, by the process that started it
 
@@ -83,11 +60,11 @@ class GameSetup:
     execution: str = "robust"
     settings: tuple[str, ...] = ()  # name=value
     home: tuple[float, float, float] | None = None  # x, y, heading, m and rad; None: the robot's pose in the menu
-    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by node: more parameters
+    extra: dict[str, dict[str, Value]] = field(default_factory=dict)  # by process: more parameters
+    params_file: str = ""  # ROS parameters in YAML (config/game.yaml); the other fields have priority
+    selector: str = OURS  # one of ``SELECTORS``
+    shadow: str = ""  # policy of a goal selector that decides and logs but sends nothing
     web: int | None = None  # the operator's page on this port of this machine
-    lock_step: bool = False  # all nodes in one process; simulated time waits for them
-    seed: int = 0  # random seed of a lock-step game
-    composed: bool = False  # the nodes of GAME in one process
     nav2: str = ""  # Nav2 of the simulated base: NAV2_BRINGUP, NAV2_BY_HAND or a command; "": simulated
 
     def __post_init__(self) -> None:
@@ -101,14 +78,8 @@ class GameSetup:
             )
         if self.starts_nav2 and self.speed != 1.0:
             raise ValueError(f"speed {self.speed:g}: must be 1 with nav2, whose loops run in real time")
-        if self.nav2 and self.lock_step:
-            raise ValueError("nav2: must not be combined with lock-step, for which a real Nav2 does not wait")
-        if self.lock_step and not self.sim:
-            raise ValueError("lock-step: only with a simulated robot (--sim)")
-        if self.lock_step and self.speed != 1.0:
-            raise ValueError(f"speed {self.speed:g}: a lock-step game is as fast as its nodes")
-        if self.composed and self.lock_step:
-            raise ValueError("composed: a lock-step game is one process anyway")
+        if self.selector not in SELECTORS:
+            raise ValueError(f"selector {self.selector!r}: must be one of {', '.join(SELECTORS)}")
         if self.home is not None and not all(map(math.isfinite, self.home)):
             raise ValueError(f"home {self.home}: must be three finite numbers, x, y (m) and heading (rad)")
         full_namespace(self.namespace)
@@ -120,75 +91,80 @@ class GameSetup:
         return make_config(self.preset, self.execution, **parse_settings(self.settings))
 
     @property
-    def first_nodes(self) -> tuple[str, ...]:
-        return tuple(name for name in NODES if not PROCESSES[name].after and (self.sim or name != SIMULATOR))
-
-    @property
     def starts_nav2(self) -> bool:
         return self.nav2 not in ("", NAV2_BY_HAND)
 
     @property
-    def first_processes(self) -> tuple[str, ...]:
-        nodes = (LOCK_STEP,) if self.lock_step else self.first_nodes
-        if self.starts_nav2:
-            nodes = (nodes[0], NAV2, *nodes[1:])
-        if self.composed:
-            nodes = tuple(dict.fromkeys(COMPOSED if name in GAME else name for name in nodes))
-        return nodes if self.web is None else (*nodes, PAGE)
+    def processes(self) -> tuple[str, ...]:
+        """Names of the processes in the order of their start; the nodes among them have the same names."""
+        optional = {
+            SIMULATOR: self.sim,
+            NAV2: self.starts_nav2,
+            SHADOW: bool(self.shadow),
+            PAGE: self.web is not None,
+        }
+        return tuple(name for name in (SIMULATOR, NAV2, WATCHER, GAME, SHADOW, PAGE) if optional.get(name, True))
 
-    def parameters(self, node: str) -> dict[str, Value]:
-        """Return the parameters with which ``node`` is started; its other parameters have their defaults."""
-        process, home = PROCESSES[node], self.home
-        values: dict[str, Value] = {"map_yaml": self.map, "policy": self.policy, "speed": self.speed}
-        if home is not None:
-            values["home"] = ",".join(map(repr, home)) if node == SIMULATOR else list(home)
-        parameters = {name: values[name] for name in process.parameters if name in values}
-        if process.configured:
-            configuration: dict[str, Value] = {"preset": self.preset, "execution": self.execution}
-            configuration["settings"] = list(self.settings)
-            standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass empty lists
-            parameters |= {name: value for name, value in configuration.items() if value != standard[name]}
+    def parameters(self, name: str) -> dict[str, Value]:
+        """Return the parameters with which a process is started; its other parameters have their defaults."""
+        if name == WATCHER:
+            return {}
+        parameters: dict[str, Value] = {"map_yaml": self.map}
+        if self.home is not None:
+            parameters["home"] = ",".join(map(repr, self.home)) if name == SIMULATOR else list(self.home)
+        if name == GAME:
+            parameters |= {"policy": self.policy, "selector": self.selector}
+        elif name == SELECTOR:
+            parameters["policy"] = self.policy
+        elif name == SHADOW:
+            parameters |= {"policy": self.shadow, "shadow": True}
+        elif name == SIMULATOR:
+            parameters["speed"] = self.speed
+            parameters |= dict.fromkeys(("navigation", "localization", "map_out"), False) if self.nav2 else {}
+        standard = {"preset": "robot", "execution": "robust", "settings": []}  # ROS cannot pass empty lists
+        rules: dict[str, Value] = {"preset": self.preset, "execution": self.execution, "settings": list(self.settings)}
+        parameters |= {rule: value for rule, value in rules.items() if value != standard[rule]}
         if self.sim:
             parameters["use_sim_time"] = True
-        if self.nav2 and node == SIMULATOR:
-            parameters |= dict.fromkeys(("navigation", "localization", "map_out"), False)
-        return parameters | self.extra.get(node, {})
+        return parameters | self.extra.get(name, {})
 
-    def as_json(self) -> str:
-        """Encode all fields for a process with several nodes (:func:`from_json`)."""
-        return json.dumps(asdict(self), ensure_ascii=False)
+    def remappings(self, name: str) -> list[tuple[str, str]]:
+        """Return the names of a process's topics that differ from the usual ones."""
+        return [(f"{SELECTOR}/{one}", f"{SHADOW}/{one}") for one in _OF_SELECTOR] if name == SHADOW else []
 
-    def command(self, node: str) -> list[str]:
-        """Return module and arguments that start ``node``, or the page, after ``python -m``."""
-        if node == PAGE:
-            words = ["pacman_env.ros.operator_page", "--namespace", self.namespace, "--map", self.map]
+    def command(self, name: str) -> list[str]:
+        """Return module and arguments that start a process, after ``python -m``."""
+        if name == PAGE:
+            words = ["pacman_env.cli.main", "web", "--ros", "--namespace", self.namespace, "--map", self.map]
             return [*words, "--port", str(self.web), *(["--sim"] if self.sim else [])]
-        if node == LOCK_STEP:
-            return ["pacman_env.ros.lock_step", self.as_json()]
-        if node == COMPOSED:
-            return ["pacman_env.ros.composed", self.as_json()]
-        words = [module_of(node), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
-        for name, value in self.parameters(node).items():
-            words += ["-p", f"{name}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map's name may be 1e3
+        words = [module_of(name), "--ros-args", *QUIET, "-r", f"__ns:={full_namespace(self.namespace)}"]
+        if name == SHADOW:
+            words += ["-r", f"__node:={SHADOW}"]
+        for old, new in self.remappings(name):
+            words += ["-r", f"{old}:={new}"]
+        if self.params_file:
+            words += ["--params-file", self.params_file]
+        for parameter, value in self.parameters(name).items():
+            words += ["-p", f"{parameter}:={json.dumps(value, ensure_ascii=False)}"]  # quoted: a map may be named 1e3
         return words
 
 
-def module_of(node: str) -> str:
-    return f"pacman_env.ros.{PROCESSES[node].folder}.{node}"
+def needed_nodes(sim: bool, originals: Collection[str], selector: str = OURS) -> list[str]:
+    """Return the nodes that a game needs, given the discovered nodes of the original game and who sends goals."""
+    if ORIGINAL_REFEREE not in originals:
+        nodes = [GAME, *LISTENERS, *([ORIGINAL_SELECTOR] if selector == ORIGINAL else [])]
+    else:
+        nodes = [] if ORIGINAL_SELECTOR in originals else [SELECTOR]
+    return [*([SIMULATOR] if sim else []), *nodes]
 
 
-def following(name: str) -> list[str]:
-    return [process.name for process in PROCESSES.values() if process.after == name]
+def executable(name: str) -> str:
+    """Return the name of the executable of a process."""
+    return SELECTOR if name == SHADOW else name
 
 
-def from_json(text: str) -> GameSetup:
-    try:
-        fields = json.loads(text)
-        home = fields["home"]
-        fields |= {"settings": tuple(fields["settings"]), "home": None if home is None else tuple(home)}
-        return GameSetup(**fields)
-    except (TypeError, LookupError) as error:
-        raise ValueError(f"no setup of a game: {error}") from None
+def module_of(name: str) -> str:
+    return MODULES[executable(name)]
 
 
 def full_namespace(name: str) -> str:

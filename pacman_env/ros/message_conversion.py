@@ -2,13 +2,15 @@
 
 Poses are (x, y, theta) in m, m, rad and positions (x, y) in m, in the map frame unless another frame is given."""
 
-import json
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
-from geometry_msgs.msg import PoseStamped, TransformStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformStamped, TwistStamped
+from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 from std_msgs.msg import Header
@@ -34,6 +36,18 @@ _AROUND = [(math.cos(k * math.pi / 4), math.sin(k * math.pi / 4)) for k in range
 GHOST_OBSTACLE = np.array([(0.0, 0.0), *_AROUND], dtype=np.float64)
 
 
+@dataclass
+class Frames:
+    """Names of the frames of this process; parameters of the game may change them at the start."""
+
+    map: str = "map"
+    odom: str = "odom"
+    base: str = "base_link"
+
+
+FRAMES = Frames()
+
+
 class BadMessage(ValueError):
     """Raised for an invalid message; the text says why."""
 
@@ -56,12 +70,13 @@ def _yaw(quaternion: Any) -> float:
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-def _check_frame(header: Any, frame: str = "map") -> None:
+def _check_frame(header: Any, frame: str | None = None) -> None:
+    frame = frame or FRAMES.map
     if header.frame_id != frame:
         raise BadMessage(f"frame {header.frame_id!r}: must be {frame!r}")
 
 
-def pose_of(message: Any, frame: str = "map") -> Pose:
+def pose_of(message: Any, frame: str | None = None) -> Pose:
     _check_frame(message.header, frame)
     pose = getattr(message.pose, "pose", message.pose)  # PoseWithCovariance contains a Pose
     return *_position(pose.position), _yaw(pose.orientation)
@@ -132,17 +147,17 @@ def points_of(message: Any) -> NDArray[np.float64]:
     count = message.width * message.height
     if count > MOST_POINTS:
         raise BadMessage(f"{count} points: at most {MOST_POINTS}")
-    offset = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
-    if not {"x", "y"} <= set(offset):
-        raise BadMessage("a cloud without float32 fields x and y")
-    if max(offset["x"], offset["y"]) + 4 > message.point_step or count * message.point_step != len(message.data):
-        raise BadMessage(f"{len(message.data)} bytes are not {count} points of {message.point_step} bytes")
-    order = ">" if message.is_bigendian else "<"
-    formats, offsets = [f"{order}f4"] * 2, [offset["x"], offset["y"]]
-    size = message.point_step
-    layout = np.dtype({"names": ["x", "y"], "formats": formats, "offsets": offsets, "itemsize": size})
-    cloud = np.frombuffer(bytes(message.data), layout)
-    points = np.column_stack((cloud["x"], cloud["y"])).astype(np.float64)
+    offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
+    formats = [">f4" if message.is_bigendian else "<f4"] * 2
+    layout: Any = {"names": ["x", "y"], "formats": formats, "itemsize": message.point_step}
+    try:
+        layout["offsets"] = [offsets["x"], offsets["y"]]
+        cloud: Any = np.frombuffer(bytes(message.data), np.dtype(layout))
+    except (KeyError, ValueError):
+        raise BadMessage("no cloud of points with float32 fields x and y") from None
+    if len(cloud) != count:
+        raise BadMessage(f"{len(cloud)} points, must be {count}")
+    points: NDArray[np.float64] = structured_to_unstructured(cloud, np.float64)
     return points[np.isfinite(points).all(axis=1)]
 
 
@@ -165,15 +180,23 @@ def _set_pose(pose: Any, x: float, y: float, theta: float) -> None:
     pose.orientation.z, pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
 
 
-def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str = "map") -> Any:
-    message = PoseStamped(header=Header(stamp=stamp, frame_id=frame))
+def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str | None = None) -> Any:
+    message = PoseStamped(header=Header(stamp=stamp, frame_id=frame or FRAMES.map))
     _set_pose(message.pose, x, y, theta)
+    return message
+
+
+def uncertain_pose_message(x: float, y: float, theta: float, stamp: Any, variances: Sequence[float]) -> Any:
+    """Create a PoseWithCovarianceStamped in the map frame; ``variances`` of x, y (m2) and heading (rad2)."""
+    message = PoseWithCovarianceStamped(header=Header(stamp=stamp, frame_id=FRAMES.map))
+    _set_pose(message.pose.pose, x, y, theta)
+    message.pose.covariance[[0, 7, 35]] = variances
     return message
 
 
 def twist_message(v_mps: float, w_radps: float, stamp: Any) -> Any:
     """Create a TwistStamped; driving forward and turning left are positive."""
-    message = TwistStamped(header=Header(stamp=stamp, frame_id="base_link"))
+    message = TwistStamped(header=Header(stamp=stamp, frame_id=FRAMES.base))
     message.twist.linear.x, message.twist.angular.z = float(v_mps), float(w_radps)
     return message
 
@@ -186,10 +209,8 @@ def transform_message(parent: str, child: str, pose: Pose, stamp: Any) -> Any:
     return message
 
 
-def marker_message(
-    namespace: str, number: int, at: Position, diameter_m: float, colour: Colour, stamp: Any, frame: str = "map"
-) -> Any:
-    marker = Marker(header=Header(stamp=stamp, frame_id=frame), ns=namespace, id=number)
+def marker_message(namespace: str, number: int, at: Position, diameter_m: float, colour: Colour, stamp: Any) -> Any:
+    marker = Marker(header=Header(stamp=stamp, frame_id=FRAMES.map), ns=namespace, id=number)
     marker.type, marker.action = Marker.SPHERE, Marker.ADD
     _set_pose(marker.pose, *at, 0.0)
     marker.pose.position.z = diameter_m / 2
@@ -199,15 +220,14 @@ def marker_message(
     return marker
 
 
-def markers_of(pellets: Mapping[int, Position], stamp: Any, frame: str = "map", power: Collection[int] = ()) -> Any:
+def markers_of(pellets: Mapping[int, Position], stamp: Any, power: Collection[int] = ()) -> Any:
     """Create the MarkerArray that shows pellets; those in ``power`` are larger, in a namespace of their own."""
-    clear = Marker(header=Header(stamp=stamp, frame_id=frame), ns=PELLETS, action=Marker.DELETEALL)
     yellow = (1.0, 1.0, 0.0)
-    spheres = []
+    markers = [Marker(header=Header(stamp=stamp, frame_id=FRAMES.map), ns=PELLETS, action=Marker.DELETEALL)]
     for number, at in pellets.items():
         kind = (POWER_PELLETS, POWER_PELLET_DIAMETER_M) if number in power else (PELLETS, PELLET_DIAMETER_M)
-        spheres.append(marker_message(kind[0], number, at, kind[1], yellow, stamp, frame))
-    return MarkerArray(markers=[clear, *spheres])
+        markers.append(marker_message(kind[0], number, at, kind[1], yellow, stamp))
+    return MarkerArray(markers=markers)
 
 
 def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0) -> Any:
@@ -216,7 +236,7 @@ def cloud_message(points: NDArray[np.float64], stamp: Any, z: float = 0.0) -> An
     data[:, :2] = points
     fields = [PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, name in enumerate("xyz")]
     return PointCloud2(
-        header=Header(stamp=stamp, frame_id="map"),
+        header=Header(stamp=stamp, frame_id=FRAMES.map),
         height=1,
         width=len(points),
         fields=fields,
@@ -232,12 +252,9 @@ def object_of(message: Any, longest: int = LONGEST_JSON) -> dict[str, Any]:
     if len(message.data) > longest:
         raise BadMessage(f"{len(message.data)} characters: at most {longest}")
     try:
-        content = json.loads(message.data)
-    except (ValueError, RecursionError):
-        raise BadMessage("no JSON") from None
-    if not isinstance(content, dict):
-        raise BadMessage("no JSON object")
-    return content
+        return msgspec.json.decode(message.data, type=dict[str, Any])
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        raise BadMessage("no JSON object") from None
 
 
 def process_of(message: Any) -> dict[str, Any]:

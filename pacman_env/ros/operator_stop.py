@@ -2,20 +2,28 @@
 
 It is JSON on a latched topic: ``stopped``, ``at``, ``who``, ``by`` (the publishing node)."""
 
-import json
 import threading
+import time
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
+
+import msgspec
+from msgspec import Meta
 
 from .message_conversion import BadMessage
-from .surroundings import current
 from .topics import OPERATOR_STOP
 
 _LONGEST = 1000  # characters
 _MOST = 100  # most nodes whose last request is stored
-_LATEST = 2**62  # largest accepted ``at``, ns
 #: A release within this time after this node's stop is ignored: it may be older, with a time of a clock that is ahead.
 _INSISTS_S = 2.0
+
+
+class _Request(msgspec.Struct):
+    at: Annotated[int, Meta(ge=0, lt=2**62)]  # ns
+    stopped: bool
+    who: str  # person
+    by: str = ""  # publishing node
 
 
 class OperatorStop:
@@ -28,7 +36,6 @@ class OperatorStop:
     """
 
     def __init__(self, node: Any, changed: Callable[[bool, str], None] | None = None, obeys: bool = True) -> None:
-        self._surroundings = current()
         self._changed, self._obeys = changed, obeys
         self._by = node.get_fully_qualified_name()
         self._received: dict[str, tuple[int, bool]] = {}  # by other node: its last request
@@ -62,17 +69,16 @@ class OperatorStop:
         with self._lock:
             return all(request == self._last for request in self._received.values())
 
-    def request(self, stopped: bool, who: str) -> None:
-        """Stop or release the robot; may be called in any thread."""
+    def request(self, stopped: bool, who: str, insists: bool = True) -> None:
+        """Stop or release the robot; may be called in any thread. A stop that ``insists`` ignores older releases."""
         with self._lock:
-            self._insists_s = self._surroundings.monotonic() + _INSISTS_S if stopped else 0.0
-            self._apply((max(self._surroundings.time_ns(), self._last[0] + 1), stopped), who)
+            self._insists_s = time.monotonic() + _INSISTS_S if stopped and insists else 0.0
+            self._apply((max(time.time_ns(), self._last[0] + 1), stopped), who)
             self._publish()
 
     def _publish(self) -> None:
-        at, stopped = self._last
-        content = {"stopped": stopped, "at": at, "who": self.who, "by": self._by}
-        self._publisher.publish(OPERATOR_STOP.type(data=json.dumps(content)))
+        content = msgspec.json.encode(_Request(*self._last, self.who, self._by))
+        self._publisher.publish(OPERATOR_STOP.type(data=content.decode()))
 
     def _apply(self, request: tuple[int, bool], who: str) -> None:
         previous = self.stopped
@@ -81,7 +87,17 @@ class OperatorStop:
             self._changed(self.stopped, who)
 
     def _on_message(self, message: Any) -> None:
-        request, who, by = _request_of(message, self._surroundings.time_ns(), self._last[0])
+        text, last_ns = message.data, self._last[0]
+        if len(text) > _LONGEST:
+            raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")
+        if text.strip().lower() == "stop":  # published by hand with ROS's tools
+            received = _Request(max(time.time_ns(), last_ns + 1), True, "another program")
+        else:
+            try:
+                received = msgspec.json.decode(text, type=_Request)
+            except (msgspec.DecodeError, RecursionError):
+                raise BadMessage(f"neither a stop nor a release: {text[:100]!r}") from None
+        request, who, by = (received.at, received.stopped), received.who[:100], received.by[:200]
         with self._lock:
             if by == self._by:
                 return
@@ -89,33 +105,9 @@ class OperatorStop:
                 self._received[by] = request
             if request <= self._last:
                 return
-            insists = not request[1] and self._surroundings.monotonic() < self._insists_s
+            insists = not received.stopped and time.monotonic() < self._insists_s
             if insists:
-                request, who = (request[0] + 1, True), self.who
+                request, who = (received.at + 1, True), self.who
             self._apply(request, who)
             if insists or self._obeys:
                 self._publish()
-
-    def destroy(self, node: Any) -> None:
-        node.destroy_subscription(self._subscription)
-        node.destroy_publisher(self._publisher)
-
-
-def _request_of(message: Any, now_ns: int, last_ns: int) -> tuple[tuple[int, bool], str, str]:
-    """Parse a request; return ((``at`` in ns, True for a stop), person, publishing node).
-
-    A stop published by hand gets the time ``now_ns``, but at least ``last_ns`` + 1 (``last_ns``: the last request).
-    """
-    text = message.data
-    if len(text) > _LONGEST:
-        raise BadMessage(f"{len(text)} characters: at most {_LONGEST}")
-    if text.strip().lower() == "stop":  # published by hand with ROS's tools
-        return (max(now_ns, last_ns + 1), True), "another program", ""
-    try:
-        content = json.loads(text)
-        at, stopped, who, by = (content[name] for name in ("at", "stopped", "who", "by"))
-        if isinstance(stopped, bool) and isinstance(at, int) and 0 <= at < _LATEST:
-            return (at, stopped), str(who)[:100], str(by)[:200]
-    except (ValueError, TypeError, LookupError, RecursionError):
-        pass
-    raise BadMessage(f"neither a stop nor a release: {text[:100]!r}")

@@ -59,7 +59,7 @@ class Topic(_Interface):
     def publisher(self, node: Any) -> Any:
         return node.create_publisher(self.type, self.name, self.qos)
 
-    def subscription(self, node: Any, callback: Callable[[Any], None], **options: Any) -> Any:
+    def subscription(self, node: Any, callback: Callable[..., None], **options: Any) -> Any:
         qos = RECEIVED_LATCHED if self.qos == LATCHED else self.qos
         return node.create_subscription(self.type, self.name, callback, qos, **options)
 
@@ -105,9 +105,7 @@ class RosAction(_Interface):
         return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
-        server = ActionServer(node, self.type, self.name, execute, **options)
-        server.statuses_name = node.resolve_topic_name(self.statuses.name)  # rclpy does not store it
-        return server
+        return ActionServer(node, self.type, self.name, execute, **options)
 
 
 #: JSON: the configuration of each node (``node.py``); a reader has one queue for all nodes, so it must be deep.
@@ -125,8 +123,8 @@ HARMLESS_GHOSTS = Topic("game/harmless_ghosts", "std_msgs/Float64MultiArray", LA
 BASE_CLYDE_SPEED = Topic("game/base_clyde_speed", "std_msgs/Float32", LATCHED)  # m/s
 CLYDE_SPEED = Topic("clyde/speed", "std_msgs/Float32", LATCHED)  # m/s
 
-#: JSON: nodes that do not respond to the referee, and its request (``game/pending_requests.py``).
-UNRESPONSIVE = Topic("game/unresponsive", "std_msgs/String", LATCHED)
+#: JSON: why processes of the game do not run, and the newest event, from ``ros up`` (``supervisor/status_line.py``).
+PROCESSES = Topic("game/processes", "std_msgs/String", LATCHED)
 
 #: JSON: whether the operator has stopped the robot, who did and when (``operator_stop.py``).
 OPERATOR_STOP = Topic("operator/stop", "std_msgs/String", LATCHED)
@@ -172,12 +170,11 @@ SCORE_MARKERS = "scores"
 CANDIDATES = Topic("goal_selector/candidates", "std_msgs/String", LATCHED)
 WHY = Topic("goal_selector/why", "std_msgs/String", EVENTS)
 DIAGNOSTICS = Topic("goal_selector/diagnostics", "std_msgs/String", LATCHED)
+DIAGNOSTIC_ARRAY = Topic("/diagnostics", "diagnostic_msgs/DiagnosticArray", EVENTS)
 
 START_GAME = Service("game/start", "std_srvs/Trigger")
 RESET_GAME = Service("game/reset", "std_srvs/Trigger")
 CONTINUE = Service("goal_selector/continue", "std_srvs/Trigger")  # accepts the believed pose after a jump
-RESET_PELLETS = Service("reset_pellets", "std_srvs/Trigger")
-RESET_CLYDE = Service("reset_clyde", "std_srvs/Trigger")
 CLEAR_GLOBAL_COSTMAP = Service("global_costmap/clear_entirely_global_costmap", "nav2_msgs/ClearEntireCostmap")
 
 NAVIGATE_TO_POSE = RosAction("navigate_to_pose", "nav2_msgs/NavigateToPose")

@@ -48,7 +48,7 @@ class Frame(OptionalFields, frozen=True, tag_field="kind", tag="frame"):
     revision: int  # of the scene to which the frame belongs
     number: int  # of the frame; it increases with each change
     time_s: Seconds = 0.0  # since the round began
-    speed: float = 1.0  # simulated time relative to real time
+    speed: float = 1.0  # simulated time relative to real time; 1 on a robot
     score: int = 0  # points over all rounds
     collected: int = 0  # pellets of this round
     spawned: int = 0  # pellets at the start of the round

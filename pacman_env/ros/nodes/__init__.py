@@ -1,1 +1,1 @@
-"""The nodes of the game except the goal selector, one module each."""
+"""Nodes that only listen to the game: they turn events into lights, sounds and motions, or wait for a pose."""

@@ -1,6 +1,7 @@
 """Node ``audio_node``: plays sound words with the Create 3's loudspeaker (Algorithm 8)."""
 
 import sys
+import uuid
 from functools import partial
 from typing import Any
 
@@ -12,17 +13,18 @@ from pacman_env.game.events import SOUNDS
 from pacman_env.game.sounds import SoundQueue, frequency_hz
 
 from .. import topics
+from ..configured_node import ConfiguredNode
 from ..message_conversion import word_of
-from ..node import GameNode, run
+from ..process import run
 
 NAME = "audio_node"
 _TICK_S = 0.1
 _ACTION = topics.PLAY_NOTES
 
 
-class AudioNode(GameNode):
-    def __init__(self) -> None:
-        super().__init__(NAME)
+class AudioNode(ConfiguredNode):
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self._queue = SoundQueue(SOUNDS)
         self._number = 0  # number of the current melody; answers about earlier melodies are ignored
         self._player = _ACTION.client(self)
@@ -51,7 +53,7 @@ class AudioNode(GameNode):
             for note, seconds in SOUNDS[word].melody
         ]  # replaces the current melody
         goal = _ACTION.type.Goal(iterations=1, note_sequence=AudioNoteVector(notes=notes, append=False))
-        sent = self._player.send_goal_async(goal, goal_uuid=UUID(uuid=list(self.surroundings.new_id())))
+        sent = self._player.send_goal_async(goal, goal_uuid=UUID(uuid=list(uuid.uuid4().bytes)))
         sent.add_done_callback(partial(self._on_answer, self._number))
 
     def _on_answer(self, number: int, answer: Any) -> None:

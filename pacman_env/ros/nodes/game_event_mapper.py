@@ -8,9 +8,10 @@ from typing import Any
 from pacman_env.game.events import FEEDBACK, Motion, angular_velocity
 
 from .. import topics
+from ..configured_node import ConfiguredNode
 from ..message_conversion import twist_message, word_of
-from ..node import GameNode, run
 from ..operator_stop import OperatorStop
+from ..process import run
 
 NAME = "game_event_mapper"
 _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
@@ -19,11 +20,11 @@ _PERIOD_S = 0.05  # the base stops by itself 0.5 s after the last command
 _TAKES_OVER: dict[Motion, str] = {"spin": "enable", "shake": "return_home"}
 
 
-class GameEventMapper(GameNode):
+class GameEventMapper(ConfiguredNode):
     """Node that listens for events and drives only during a motion."""
 
-    def __init__(self) -> None:
-        super().__init__(NAME)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self._light = topics.GAME_LIGHT.publisher(self)
         self._sound = topics.GAME_SOUND.publisher(self)
         self._velocity = topics.CMD_VEL.publisher(self)

@@ -16,8 +16,9 @@ from pacman_env.game.events import LIGHTS
 from pacman_env.game.lights import BLACK, LASTING, LightRing, Ring
 
 from .. import topics
+from ..configured_node import ConfiguredNode
 from ..message_conversion import word_of
-from ..node import GameNode, run
+from ..process import run
 
 NAME = "game_light_node"
 _PERIOD_S = 0.075  # half of a frame of the light (``FRAME_S``)
@@ -25,11 +26,11 @@ _REPEAT_S = 1.0  # between repetitions, for a base that started later
 _CLEARINGS = 5  # unlit rings published at the start, one per second, for a base that may not listen yet
 
 
-class GameLightNode(GameNode):
+class GameLightNode(ConfiguredNode):
     """Node of the light ring; its timer runs only while something is shown."""
 
-    def __init__(self) -> None:
-        super().__init__(NAME)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self._lights = LightRing(LIGHTS, self.config.show)
         self._shown: Ring | None = None
         self._shown_s = 0.0
@@ -38,7 +39,7 @@ class GameLightNode(GameNode):
         self._timer.cancel()
         self._fresh = True  # no state of the game received so far
         self._clearings = _CLEARINGS
-        self._clearing_timer = self.create_timer(1.0, self._clear_ring, clock=self.surroundings.clock())
+        self._clearing_timer = self.create_timer(1.0, self._clear_ring)
         self.listen(topics.GAME_LIGHT, lambda message: self._command(word_of(message, LIGHTS)), "bad light")
         self.listen(topics.GAME_STATE, self._on_state, "bad state")
 

@@ -4,9 +4,13 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+
 from .. import topics
 from ..message_conversion import pose_of
-from ..node import BaseNode, parameter, run
+from ..node import BaseNode, parameter
+from ..process import run
 
 NAME = "wait_for_amcl_pose"
 FOUND, NOT_FOUND = 0, 1  # exit status
@@ -14,11 +18,11 @@ _STOPPED = -1
 
 
 class PoseWaiter(BaseNode):
-    def __init__(self) -> None:
-        super().__init__(NAME)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self._timeout_s = parameter(self, "timeout_s", 0.0, "give up after this time, s; 0: never", 0.0, 86400.0)
         if self._timeout_s > 0.0:  # wall time: a simulated clock may start with the robot
-            self.create_timer(self._timeout_s, self._give_up, clock=self.surroundings.clock())
+            self.create_timer(self._timeout_s, self._give_up, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.listen(topics.AMCL_POSE, self._on_pose, "bad pose")
 
     def _on_pose(self, message: Any) -> None:

@@ -4,49 +4,42 @@ It stores the map as a picture and a scan as rays. Only the thread that spins th
 
 import contextlib
 import math
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from operator import sub
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from action_msgs.msg import GoalStatus
 from numpy.typing import NDArray
+from rclpy.parameter import Parameter
 
 from pacman_env.game.lights import Ring
+from pacman_env.ros import message_conversion as messages
 from pacman_env.ros import topics
 from pacman_env.ros.game_monitor import TOPICS, GameMonitor
 from pacman_env.ros.map_comparison import grid_of
-from pacman_env.ros.message_conversion import (
-    BadMessage,
-    Pose,
-    Position,
-    object_of,
-    pose_of,
-    seconds_of,
-    transform_of,
-    word_of,
-)
+from pacman_env.ros.message_conversion import FRAMES, BadMessage, Pose, Position
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.selector.believed_pose import BASE, BelievedPose
-from pacman_env.ros.selector.message_queue import MessageQueue
+from pacman_env.ros.selector.reasons import SILENT_S
+from pacman_env.ros.selector.robot_pose import BelievedPose
 from pacman_env.web.game_interface import News
 from pacman_env.world.navigation.localization import compose
 
 RAYS = 180
 FREE, UNKNOWN = 254, 205  # grey values of map_server's files; 0: solid
 _POSE_TIMEOUT_S = 1.0
-_FRESH_S = 3.0  # the robot is gone if its odometry is older
-_MOST_TRANSFORMS = 10_000
+FRESH_S = 2.0  # the robot is gone if its odometry is older
+_JITTER_S = 0.5  # delays of diagnostics that differ by less do not set back the clock of a round
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING, GoalStatus.STATUS_CANCELING)
 _LONGEST = 1_000_000  # most characters of JSON
 _MOST = 10_000  # most candidates
 NAME = "pacman_page"  # the doctor ignores nodes with this prefix
 
 
-@dataclass(frozen=True)
-class MapPicture:
+class MapPicture(NamedTuple):
     png: bytes
     facts: dict[str, Any]  # ``resolution`` (m), ``width``, ``height`` (cells), ``origin``
 
@@ -58,12 +51,9 @@ def picture_of(message: Any) -> MapPicture:
         raise BadMessage("numbers that are not finite")
     cells = grid.cells[::-1]
     pixels = np.where(cells < 0, UNKNOWN, FREE - np.clip(cells, 0, 100).astype(np.int16) * FREE // 100)
-    success, png = cv2.imencode(".png", pixels.astype(np.uint8))
-    if not success:
-        raise BadMessage("no picture can be made of it")
-    (height, width), origin = cells.shape, list(grid.origin)
-    facts = {"resolution": grid.resolution, "width": width, "height": height, "origin": origin}
-    return MapPicture(png.tobytes(), facts)
+    height, width = cells.shape
+    facts = {"resolution": grid.resolution, "width": width, "height": height, "origin": list(grid.origin)}
+    return MapPicture(cv2.imencode(".png", pixels.astype(np.uint8))[1].tobytes(), facts)
 
 
 def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:
@@ -72,25 +62,22 @@ def rays_of(message: Any, yaw: float) -> NDArray[np.float64]:
     Ray 0 points ahead; ``yaw`` is the lidar's heading in the robot, rad.
     """
     ranges = np.asarray(message.ranges, dtype=np.float64)
-    rays = np.full(RAYS, np.inf)
+    rays = np.full(RAYS, np.nan)
     angles = yaw + message.angle_min + message.angle_increment * np.arange(len(ranges))
     valid = np.isfinite(ranges) & np.isfinite(angles) & (ranges >= message.range_min) & (ranges <= message.range_max)
     numbers = np.round(angles[valid] / (2.0 * math.pi / RAYS)).astype(np.int64) % RAYS
-    np.minimum.at(rays, numbers, ranges[valid])
-    return np.where(np.isfinite(rays), rays, np.nan)
+    np.fmin.at(rays, numbers, ranges[valid])  # ignores NaN
+    return rays
 
 
 class RobotState:
     """Latest messages of the robot; ``None`` and empty before the first."""
 
-    def __init__(self, node: BaseNode) -> None:
-        self._node = node
-        self._surroundings = node.surroundings
+    def __init__(self, node: BaseNode, monotonic: Callable[[], float]) -> None:
+        self._clock, self._monotonic = node.get_clock(), monotonic
         self.velocity = (0.0, 0.0)  # m/s, rad/s
         self.navigating = False  # True while Nav2 drives to a goal, of any client
-        self.rate = 1.0  # speed of the robot's clock relative to real time
         self._odometry_s = -math.inf
-        self._clock: tuple[float, float, float] | None = None  # s: wall time and clock a while ago, clock now
         self._static: dict[str, tuple[str, Pose]] = {}
         self.clear()
 
@@ -106,15 +93,20 @@ class RobotState:
 
     @property
     def clock_s(self) -> float:
-        return self._clock[2] if self._clock is not None else self._surroundings.time_ns() * 1e-9
+        return float(self._clock.now().nanoseconds) * 1e-9
+
+    @property
+    def times_s(self) -> tuple[float, float]:
+        """Times by this computer's clock and by the robot's, s."""
+        return self._monotonic(), self.clock_s
 
     @property
     def alive(self) -> bool:
-        return self._surroundings.monotonic() - self._odometry_s < _FRESH_S
+        return self._monotonic() - self._odometry_s < FRESH_S
 
     @property
     def believed(self) -> Pose | None:
-        belief = self.belief.at(self._surroundings.monotonic())
+        belief = self.belief.at(self._monotonic())
         return None if belief is None else belief.pose
 
     @property
@@ -122,43 +114,25 @@ class RobotState:
         """True pose of a simulated robot, whose odometry does not drift."""
         return None if self._origin is None or self._odometry is None else compose(self._origin, self._odometry)
 
-    # Messages; ``waited_s``: time since reception
-
     def on_map(self, message: Any) -> None:
         self.map = picture_of(message)
 
     def on_static_transforms(self, message: Any) -> None:
-        self.belief.transforms(message, self._surroundings.monotonic(), static=True)
-        for transform in message.transforms:
-            parent, child, pose = transform_of(transform)
-            if len(self._static) < _MOST_TRANSFORMS:
-                self._static[child.lstrip("/")] = parent.lstrip("/"), pose
+        self.belief.transforms(message, self._monotonic(), static=True)
+        for parent, child, pose in map(messages.transform_of, message.transforms):
+            self._static[child.lstrip("/")] = parent.lstrip("/"), pose
 
-    def on_transforms(self, message: Any, waited_s: float) -> None:
-        self.belief.transforms(message, self._surroundings.monotonic() - waited_s)
+    def on_transforms(self, message: Any) -> None:
+        self.belief.transforms(message, self._monotonic())
 
-    def on_odometry(self, message: Any, waited_s: float) -> None:
-        try:
-            self._odometry = pose_of(message, "odom")
-        except BadMessage as error:
-            self._node.once.warning("bad odom", f"odom: {error}")
-            return
+    def on_odometry(self, message: Any) -> None:
+        self._odometry = messages.pose_of(message, FRAMES.odom)
         twist = message.twist.twist
         self.velocity = float(twist.linear.x), float(twist.angular.z)
-        self._odometry_s = self._surroundings.monotonic() - waited_s
-
-    def on_clock(self, message: Any, waited_s: float) -> None:
-        now, time_s = self._surroundings.monotonic() - waited_s, seconds_of(message.clock)
-        if self._clock is None or time_s < self._clock[2]:
-            self._clock = now, time_s, time_s
-            return
-        since, from_s, _ = self._clock
-        self._clock = since, from_s, time_s
-        if now - since >= 2.0:
-            self.rate, self._clock = (time_s - from_s) / (now - since), (now, time_s, time_s)
+        self._odometry_s = self._monotonic()
 
     def on_origin(self, message: Any) -> None:
-        self._origin = pose_of(message)
+        self._origin = messages.pose_of(message)
 
     def on_plan(self, message: Any) -> None:
         poses = message.poses[:: max(1, len(message.poses) // 256)]
@@ -176,7 +150,7 @@ class RobotState:
     def on_scan(self, message: Any) -> None:
         frame, yaw = message.header.frame_id.lstrip("/"), 0.0  # heading of the lidar in the robot, if it is known
         for _ in range(10):
-            if frame == BASE or frame not in self._static:
+            if frame == FRAMES.base or frame not in self._static:
                 break
             frame, pose = self._static[frame]
             yaw += pose[2]
@@ -190,7 +164,7 @@ class PublishedGame(GameMonitor):
         super().__init__()
         self._robot, self._news = robot, news
         self._round_s = 0.0  # length of the last round, s
-        self.starting_s: float | None = None  # when the start show began, None: no show
+        self._heard_s = math.inf, math.inf  # arrival of the last diagnostics by the robot's ``times_s``
         self.clear()
 
     def clear(self) -> None:
@@ -202,36 +176,43 @@ class PublishedGame(GameMonitor):
 
     @property
     def round_time_s(self) -> float:
-        """Time since the first message of the round, or length of the last round, by the robot's clock, s."""
+        """Time since the round began as the game says, or length of the last round, by the robot's clock, s."""
         return max(0.0, self._robot.clock_s - self.began_s) if self.state == "running" else self._round_s
 
     @property
-    def goal(self) -> int:
-        """The pursued candidate; -1 if there is none."""
-        pursued = self.condition.get("pursued")
-        return pursued if isinstance(pursued, int) and pursued >= 0 and self.state != "menu" else -1
+    def is_silent(self) -> bool:
+        """True if the diagnostics are overdue by the wall clock and by the robot's, which may be slow or fast."""
+        return min(map(sub, self._robot.times_s, self._heard_s)) > SILENT_S
 
     def on_message(self, topic: str, message: Any) -> None:
-        result, troubles, self._round_s = self.result, self.troubles, self.round_time_s
+        state, result, troubles, started = self.state, self.result, self.troubles, self.started
+        self._round_s = self.round_time_s
         self.update(topic, message, self._robot.clock_s)
-        if self.state != "starting":
-            self.starting_s = None
-        elif self.starting_s is None:
-            self.starting_s = self._robot.clock_s
+        if topic == topics.DIAGNOSTICS.name:
+            self._heard_s = _, clock_s = self._robot.times_s
+            round_s = self.condition.get("round_s")
+            if self.state == "running" and isinstance(round_s, int | float):
+                began_s = clock_s - round_s
+                if not 0.0 <= began_s - self.began_s < _JITTER_S:
+                    self.began_s = began_s
+        if self.state != state:
+            self._news.add(state=self.state)
         if self.state == "menu":
             self.scores = {}
         news = [text for kind, text in self.troubles.items() if kind not in troubles]
         news += [f"{kind}: over" for kind in troubles.keys() - self.troubles.keys()]
         if self.result and self.result != result:
             news.append(self.result)
+        if started and self.started["number"] != started["number"]:
+            news.append(self.started["event"])
         for words in news:
             self._news.add(words=words[:200])
 
     def on_shown(self, name: str, message: Any) -> None:
-        self._news.add(**{name: word_of(message)})
+        self._news.add(**{name: messages.word_of(message)})
 
     def on_candidates(self, message: Any) -> None:
-        content = object_of(message, _LONGEST)
+        content = messages.object_of(message, _LONGEST)
         places = [(float(x), float(y)) for x, y in content["places"][:_MOST]]
         self.pellet_ids = [int(number) for number in content["pellets"][: len(places)]]
         self.places = places
@@ -241,17 +222,20 @@ class PublishedGame(GameMonitor):
         self.scores = {one.id: float(one.text.split()[-1]) for one in markers if 0 <= one.id < _MOST}
 
     def on_why(self, message: Any) -> None:
-        self._news.add(why=object_of(message, _LONGEST))
+        self._news.add(why=messages.object_of(message, _LONGEST))
 
 
 class PageNode(BaseNode):
-    """Node that stores the latest messages; with ``sim`` it follows a simulated clock. Events are added to ``news``."""
+    """Node that stores the latest messages; with ``sim`` it follows a simulated clock. Events are added to ``news``.
 
-    def __init__(self, sim: bool, news: News, **options: Any) -> None:
-        super().__init__(NAME, **options)
-        self.sim, self._news = sim, news
-        self.robot = robot = RobotState(self)
-        self.game = game = PublishedGame(robot, news)
+    ``monotonic`` returns the time, s, by which messages become old.
+    """
+
+    def __init__(self, sim: bool, monotonic: Callable[[], float] = time.monotonic, **options: Any) -> None:
+        super().__init__(NAME, parameter_overrides=[Parameter("use_sim_time", value=sim)], **options)
+        self.sim, self.monotonic, self.news = sim, monotonic, News()
+        self.robot = robot = RobotState(self, monotonic)
+        self.game = game = PublishedGame(robot, self.news)
         self._watched: dict[str, Any] = {}  # subscriptions
         callbacks: list[tuple[topics.Topic, Callable[[Any], object]]] = [
             *((topic, partial(game.on_message, topic.name)) for topic in TOPICS if topic is not topics.AMCL_POSE),
@@ -262,7 +246,9 @@ class PageNode(BaseNode):
             (topics.SCORES, game.on_scores),
             (topics.MAP, robot.on_map),
             (topics.AMCL_POSE, lambda message: robot.belief.latched(message)),
+            (topics.TF, robot.on_transforms),
             (topics.TF_STATIC, robot.on_static_transforms),
+            (topics.ODOMETRY, robot.on_odometry),
             (topics.PLAN, robot.on_plan),
             (topics.LIGHT_RING, robot.on_ring),
             (topics.NAVIGATE_TO_POSE.statuses, robot.on_goal_statuses),
@@ -270,11 +256,6 @@ class PageNode(BaseNode):
         ]
         for topic, receive in callbacks:
             self._subscribe(topic, receive)
-        # These topics are much faster than updates of the page.
-        queues = [(topics.TF, robot.on_transforms), (topics.ODOMETRY, robot.on_odometry)]
-        if sim:
-            queues.append((topics.CLOCK, robot.on_clock))
-        self._queues = [MessageQueue(self, topic, callback) for topic, callback in queues]
 
     def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], object]) -> Any:
         def receive_safely(message: Any) -> None:
@@ -287,12 +268,8 @@ class PageNode(BaseNode):
 
         with contextlib.suppress(ImportError, AttributeError):  # a package that is not installed here
             return self.listen(topic, receive_safely, f"bad {topic.name}")
-        self._news.add(words=f"{topic.name} cannot be shown: {topic.type_name} is not installed here")
+        self.news.add(words=f"{topic.name} cannot be shown: {topic.type_name} is not installed here")
         return None
-
-    def catch_up(self) -> None:
-        for queue in self._queues:
-            queue.catch_up()
 
     def watch(self, *, why: bool, lidar: bool) -> None:
         """Subscribe to terms and scans, which are expensive, only while a page shows them."""
@@ -300,8 +277,6 @@ class PageNode(BaseNode):
             if needed and topic.name not in self._watched:
                 self._watched[topic.name] = self._subscribe(topic, receive)
             elif not needed and topic.name in self._watched:
-                subscription = self._watched.pop(topic.name)
-                if subscription is not None:
-                    self.destroy_subscription(subscription)
-                if topic is topics.SCAN:
-                    self.robot.scan = np.zeros(0)
+                self.destroy_subscription(self._watched.pop(topic.name))
+        if not lidar:
+            self.robot.scan = np.zeros(0)

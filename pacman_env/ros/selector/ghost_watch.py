@@ -1,15 +1,16 @@
 """Check whether all ghosts were seen lately: a round must not continue if the ghosts' node is dead."""
 
+import time
+
 from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.ros.selector.reasons import SILENT_S
-from pacman_env.ros.surroundings import current
 
 _WALL_S = 0.5  # shortest wall time that counts, because the game's clock may run fast on a busy machine
 
 
 class GhostWatch:
     def __init__(self) -> None:
-        self._wall_s = current().monotonic
+        self._wall_s = time.monotonic
         self._seen_s: dict[int, tuple[float, float]] = {}  # by ghost: game time and wall time when it was last seen
 
     def see(self, number: int, now: float) -> None:

@@ -1,4 +1,4 @@
-"""Messages of a goal selector about itself: candidate scores as markers, diagnostics as JSON."""
+"""Messages of a goal selector about its choices: candidates, scores as markers, terms of the scores as JSON."""
 
 import math
 from collections.abc import Sequence
@@ -6,12 +6,13 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pacman_env.levels.assets import MapAssets
+from pacman_env.observations.robot_view import RobotView
 from pacman_env.observations.situation import HOLD, Situation
-from pacman_env.policies.base import Policy, reach
+from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import marker_message
 from pacman_env.ros.topics import SCORE_MARKERS
 
@@ -19,7 +20,35 @@ _HEIGHT_M = 0.25  # height of the letters
 _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
 
-def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int, stamp: Any) -> Any:
+class Explanations:
+    """Publisher of candidates and, while somebody subscribes, of scores and their terms."""
+
+    def __init__(self, node: Any, view: RobotView) -> None:
+        self._node = node
+        self._scores, self._why = topics.SCORES.publisher(node), topics.WHY.publisher(node)
+        self._candidates = topics.CANDIDATES.publisher(node)
+        self._candidates.publish(String(data=as_json(candidates_of(view.assets))))
+
+    @property
+    def scores_are_wanted(self) -> bool:
+        return bool(self._scores.get_subscription_count())
+
+    @property
+    def why_is_wanted(self) -> bool:
+        return bool(self._why.get_subscription_count())
+
+    def publish(self, answer: Any, situation: Situation) -> None:
+        """Publish the explanation in an answer of a policy (``policy_child.Answer``)."""
+        if answer.unexplained:
+            self._node.once.warning("no scores", answer.unexplained)
+        if answer.scores is not None:
+            stamp = self._node.get_clock().now().to_msg()
+            self._scores.publish(score_markers(situation, answer.scores, answer.choice[0], stamp))
+        if answer.why is not None:
+            self._why.publish(String(data=as_json(answer.why)))
+
+
+def score_markers(situation: Situation, scores: Sequence[float], chosen: int, stamp: Any) -> Any:
     """Return a MarkerArray with a text marker for each finite score (C,) at the place of its candidate.
 
     The chosen candidate's score is green, and hold is shown at the robot. Marker ids are candidate numbers. The first
@@ -27,7 +56,7 @@ def score_markers(situation: Situation, scores: NDArray[np.float64], chosen: int
     """
     markers = [Marker(ns=SCORE_MARKERS, action=Marker.DELETEALL)]
     markers[0].header.frame_id, markers[0].header.stamp = "map", stamp
-    for candidate, score in enumerate(scores[0].tolist()):
+    for candidate, score in enumerate(scores):
         if not math.isfinite(score):
             continue
         x, y = situation.position[0, candidate].tolist()
@@ -43,18 +72,6 @@ def candidates_of(assets: MapAssets) -> dict[str, Any]:
     """Return the candidates' positions (m) by number, pellets before refuges, and the ids of the pellets."""
     places = [[round(x, 3), round(y, 3)] for x, y in assets.goal_xy.tolist()]
     return {"map": assets.occupancy.name, "places": places, "pellets": assets.pellet_ids.tolist()}
-
-
-def reasons(policy: Policy, situation: Situation, chosen: int, time_s: float, robot_mps: float) -> dict[str, Any]:
-    """Explain a choice at ``time_s`` of a round: terms and distances of the chosen and of all allowed candidates."""
-    rows = []
-    for candidate, terms in enumerate(policy.explain(situation)[0]):
-        if situation.mask[0, candidate] or candidate == chosen:
-            values = {name: value for name, value in terms.items() if name != "kind"}
-            distances = reach(situation, candidate, robot_mps)
-            rows.append({"candidate": candidate, "kind": terms["kind"], "terms": {policy.name: values}, **distances})
-    chosen_by = {"policies": [policy.name], "chosen": {policy.name: chosen}}
-    return {"time_s": round(time_s, 2), "goal": chosen, **chosen_by, "rows": rows}
 
 
 def decision_times(times_ms: Sequence[float]) -> dict[str, float | int]:

@@ -1,6 +1,9 @@
 """Count goals in a row that Nav2 does not reach, describe Nav2's error codes, and delay the next goal."""
 
+from typing import Any
+
 from pacman_env.game.execution import ABORTED, REJECTED, SUCCEEDED
+from pacman_env.ros.selector.reasons import NAV2_FAILS
 
 MANY = 3  # this many failures in a row are reported
 _QUICK_S = 2.0  # a goal that fails sooner was not tried: Nav2 needs 11 s if there is no path, 150 s if stuck
@@ -46,9 +49,12 @@ class Nav2Failures:
     after the third failure in a row, by twice as long after each further failure, and by 5 s at most.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, once: Any) -> None:
+        self._once = once  # receives the trouble
+        self.aborted = self.rejected = 0  # in all
         self.in_a_row = 0
         self._quick = 0  # failures in a row within ``_QUICK_S`` of the start
+        self._collected = 0
         self._what, self._code = ABORTED, 0
         self._wait_until_s = 0.0
 
@@ -61,16 +67,27 @@ class Nav2Failures:
             self.reset()
         if status not in (ABORTED, REJECTED):
             return
+        self.aborted += status == ABORTED
+        self.rejected += status == REJECTED
         self.in_a_row += 1
         self._what, self._code = status, code
         self._quick = self._quick + 1 if lasted_s < _QUICK_S else 0
         if self._quick >= MANY:
             self._wait_until_s = now + min(_SHORTEST_S * 2.0 ** min(self._quick - MANY, 10), _LONGEST_S)
+        if self.words:
+            self._once.begin(NAV2_FAILS, self.words)
+
+    def progress(self, collected: int) -> None:
+        """Restart the count if more pellets are ``collected`` than before."""
+        if collected > self._collected:
+            self.reset()
+        self._collected = collected
 
     def reset(self) -> None:
         """Restart the count, after progress of the robot or at the start of a round."""
         self.in_a_row = self._quick = 0
         self._wait_until_s = 0.0
+        self._once.over(NAV2_FAILS)
 
     def waiting(self, now: float) -> bool:
         return now < self._wait_until_s

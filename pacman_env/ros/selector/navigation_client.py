@@ -1,5 +1,6 @@
 """Asynchronous client of Nav2's NavigateToPose with numbered goals; it never blocks and makes no decisions."""
 
+import uuid
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -11,13 +12,12 @@ from unique_identifier_msgs.msg import UUID
 
 from pacman_env.game.execution import CANCELED
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import BadMessage, Pose, Position, pose_message, pose_of
+from pacman_env.ros.message_conversion import BadMessage, Pose, Position, pose_message, pose_of, twist_message
 from pacman_env.ros.selector.message_queue import MessageQueue
-from pacman_env.ros.surroundings import current
 
 _CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
-_REQUEST_AGAIN_S = 5.0  # wall time between requests of a result
-_CLEAR_S = 1.0  # longest wait for the answer to a cancel of all goals, wall time
+_REQUEST_AGAIN_S = 5.0  # between requests of a result
+_CLEAR_S = 1.0  # longest wait for the answer to a cancel of all goals
 _ENDED = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
 _RUNNING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
 
@@ -46,11 +46,12 @@ class NavigationClient:
         rejected: Callable[[int], None],
         finished: Callable[[int, int, Position | None], None],
     ) -> None:
-        self._node, self._surroundings = node, current()
+        self._node = node
         action = topics.NAVIGATE_TO_POSE
         # Not rclpy's ActionClient, which wakes the executor for each feedback: Nav2 sends 100 per second.
         self._sender, self._results = action.goal_client(node), action.result_client(node)
         self._canceller = topics.cancel_client(node, action.name)
+        self._cmd_vel = topics.CMD_VEL.publisher(node)
         self._clients = (self._sender, self._results, self._canceller)
         self._feedback = MessageQueue(node, action.feedback, self._on_feedback)
         self._statuses = action.statuses.subscription(node, self._on_statuses)
@@ -60,7 +61,6 @@ class NavigationClient:
         self._newest: Any = None  # newest feedback, of any goal
         self.forbidden = False  # if True, every goal of any node is cancelled
         self._all_ended: Future | None = None  # result of ``finish``
-        self._destroyed = False
         self.last_status, self.last_error = 0, 0  # result of the last goal that ended
 
     @property
@@ -74,11 +74,11 @@ class NavigationClient:
         """
         if self._clearing is None and self.ready:
             request = self._canceller.srv_type.Request()  # all zero: every goal
-            self._clearing = self._canceller.call_async(request), self._surroundings.monotonic() + _CLEAR_S
+            self._clearing = self._canceller.call_async(request), self._node.now_s() + _CLEAR_S
         if self._clearing is None:
             return False
         answer, end = self._clearing
-        return self._surroundings.monotonic() > end or (answer.done() and not answer.result().goals_canceling)
+        return self._node.now_s() > end or (answer.done() and not answer.result().goals_canceling)
 
     def cancel_all(self) -> None:
         if self._canceller.service_is_ready():
@@ -90,7 +90,7 @@ class NavigationClient:
             status = status_of.get(bytes(own.name.uuid))
             if own.accepted and status in _ENDED:
                 own.status = status
-        if not self.forbidden and (self._clearing is None or self._surroundings.monotonic() > self._clearing[1]):
+        if not self.forbidden and (self._clearing is None or self._node.now_s() > self._clearing[1]):
             return
         # A foreign goal that appears just after all goals were cancelled was in transit at that time.
         names = {bytes(own.name.uuid) for own in self._goals.values()}
@@ -104,7 +104,7 @@ class NavigationClient:
         Late results are requested again: a restarted server answers that it does not know the goal.
         """
         for number, goal in list(self._goals.items()):
-            late = self._surroundings.monotonic() - goal.requested_s > _REQUEST_AGAIN_S
+            late = self._node.now_s() - goal.requested_s > _REQUEST_AGAIN_S
             if late and goal.request is not None and self._results.service_is_ready():
                 self._results.remove_pending_request(goal.request)
                 self._request_result(number, goal)
@@ -113,7 +113,7 @@ class NavigationClient:
             goal.overdue = goal.status is not None
 
     def send(self, number: int, pose: Pose) -> None:
-        goal = self._goals[number] = _SentGoal(UUID(uuid=list(self._surroundings.new_id())))
+        goal = self._goals[number] = _SentGoal(UUID(uuid=list(uuid.uuid4().bytes)))
         request = self._sender.srv_type.Request(goal_id=goal.name)
         request.goal.pose = pose_message(*pose, self._node.get_clock().now().to_msg())
         self._sender.call_async(request).add_done_callback(partial(self._on_answer, number, goal))
@@ -125,30 +125,27 @@ class NavigationClient:
             request.goal_info.goal_id = self._goals[number].name
             self._canceller.call_async(request).add_done_callback(partial(self._on_cancel, number))
 
-    def finish(self) -> Future:
-        """Return a future that is done when all goals have ended. Cancels the goals that Nav2 has not yet accepted."""
+    def stop_wheels(self) -> None:
+        self._cmd_vel.publish(twist_message(0.0, 0.0, self._node.get_clock().now().to_msg()))
+
+    def finish(self) -> tuple[Future, ...]:
+        """Stop the wheels; return a future that is done when all goals have ended.
+
+        Cancels the goals that Nav2 has not yet accepted.
+        """
+        self.stop_wheels()
         for number, goal in self._goals.items():
             if not goal.accepted:
                 self.cancel(number)
         self._all_ended = Future()
+        self._all_ended.add_done_callback(lambda _: self.stop_wheels())  # again: Nav2 drove until it got the cancels
         self._check_all_ended()
-        return self._all_ended
-
-    def destroy(self) -> None:
-        """Destroy all ROS entities; answers in transit are ignored."""
-        self._destroyed = True
-        self._goals.clear()
-        self._feedback.destroy()
-        self._node.destroy_subscription(self._statuses)
-        for client in self._clients:
-            self._node.destroy_client(client)
+        return (self._all_ended,)
 
     def _on_feedback(self, message: Any, waited_s: float) -> None:
         self._newest = message
 
     def _on_answer(self, number: int, goal: _SentGoal, answer: Any) -> None:
-        if self._destroyed:
-            return
         if answer.result().accepted:
             goal.accepted = True
             self._goals[number] = goal  # again: a cancel may have removed it
@@ -161,7 +158,7 @@ class NavigationClient:
 
     def _request_result(self, number: int, goal: _SentGoal) -> None:
         request = self._results.srv_type.Request(goal_id=goal.name)
-        goal.request, goal.requested_s = self._results.call_async(request), self._surroundings.monotonic()
+        goal.request, goal.requested_s = self._results.call_async(request), self._node.now_s()
         goal.request.add_done_callback(partial(self._on_result, number))
 
     def _on_result(self, number: int, answer: Any) -> None:

@@ -12,6 +12,7 @@ OTHER_MAP = "another map"
 NAV2_FAILS = "Nav2 fails"
 POLICY_FAILS = "policy fails"
 GHOST_LOST = "ghost lost"
+POSE_REASONS = (NO_ODOMETRY, POSE_LOST, POSE_JUMPED, OTHER_MAP)  # the pose is not trusted
 SILENT_S = 2.0  # after this time without a message of a ghost or of the goal selector, its node may be frozen
 SILENCE = "no diagnostics for {:.0f} s"
 #: Troubles that need a person, and what the person can do.
@@ -21,7 +22,7 @@ REMEDIES: Mapping[str, str] = {
     POSE_JUMPED: "look where the robot is: set its pose (page, RViz), or continue as it is (page, key c)",
     OTHER_MAP: "start localization or the game again, with the other's map",
     NAV2_FAILS: "see Nav2's log by the code; 1xx: controller, 2xx: planner, TF_ERROR: see tf to base",
-    GHOST_LOST: "clyde_ghost_node ended or is frozen: ros up starts it again; it goes on when the ghost is seen",
+    GHOST_LOST: "the node that moves the ghosts ended or is frozen; the game continues when the ghost is seen again",
     POLICY_FAILS: "correct the policy, or play with another one (--policy); the game continues when it answers",
 }
 

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Callable
 
 import numpy as np
 
@@ -15,13 +14,10 @@ from pacman_env.policies.policy_calls import choose, name_of, reset, scores
 SLOW_S = 1.0  # a slower choice is discarded, because robot and ghosts have moved
 
 
-def rehearse(
-    policy: Policy, view: RobotView, config: Config, clock_s: Callable[[], float] = time.perf_counter
-) -> Policy:
+def rehearse(policy: Policy, view: RobotView, config: Config) -> Policy:
     """Run the policy and return it; raises ValueError or TypeError if it fails, or needs more than ``SLOW_S``.
 
-    ``clock_s`` returns a time in s to measure the choices; in lock-step it stands still. The policy chooses against a
-    wandering ghost and a chasing ghost, because other code and data predict a chase.
+    The policy chooses against a wandering ghost and a chasing ghost, because other code and data predict a chase.
     """
     situation, first = view.sample_situation(), np.ones(1, np.bool_)
     chased = situation.copy()
@@ -30,9 +26,9 @@ def rehearse(
     fastest_s = math.inf
     for seen in (situation, chased, situation):  # the first calls may compile
         scores(policy, seen)
-        start_s = clock_s()
+        start_s = time.perf_counter()
         choose(policy, seen)
-        fastest_s = min(fastest_s, clock_s() - start_s)
+        fastest_s = min(fastest_s, time.perf_counter() - start_s)
     if fastest_s > SLOW_S:
         raise ValueError(f"policy {name_of(policy)!r}: needs {fastest_s:.1f} s to choose, must be at most {SLOW_S:g} s")
     reset(policy, first, config)

@@ -20,58 +20,42 @@ OF_NAVIGATION = frozenset({"reject", "abort", "nav2_away", "late_acceptance"})
 OF_LOCALIZATION = frozenset({"pose_lost", "pose_jump"})
 _LIMITS = {"seconds": 3600.0, "x": 1000.0, "y": 1000.0, "heading": math.pi}
 _USAGES = [" ".join([name, *map(str.upper, numbers)]) for name, numbers in FAULTS.items()]
-_USAGE = f"must be {', '.join(_USAGES)}, end or end NAME"
+
+Faults = dict[str, tuple[float, ...]]  # current faults by name, with their numbers
 
 
-class Faults:
-    def __init__(self) -> None:
-        self.now: dict[str, tuple[float, ...]] = {}  # current faults by name, with their numbers
+def fault_of(text: str) -> tuple[str, tuple[float, ...] | None]:
+    """Parse a fault that begins (``NAME NUMBERS``) or ends (``end NAME``, or ``end`` for all); case does not matter.
 
-    def __contains__(self, name: str) -> bool:
-        return name in self.now
-
-    def number(self, name: str) -> float | None:
-        return self.now[name][0] if name in self.now else None
-
-    def apply(self, text: str) -> str:
-        """Begin a fault (``NAME NUMBERS``), end a fault (``end NAME``), or end all (``end``); case does not matter.
-
-        Returns the name of the fault that begins, else "". For an unknown fault or wrong numbers, raises ValueError and
-        changes nothing.
-        """
-        words = text.lower().split()
-        if not words:
-            raise ValueError(f"fault {text!r}: {_USAGE}")
-        if words == ["end"]:
-            self.now.clear()
-            return ""
-        ends = len(words) == 2 and words[0] == "end"
-        name = words[ends]
-        if name not in FAULTS:
-            raise ValueError(f"fault {name!r}: unknown, {_USAGE}")
-        if ends:
-            self.now.pop(name, None)
-            return ""
-        self.now[name] = _numbers(name, words[1:])
-        return name
-
-    def words(self) -> list[str]:
-        return [" ".join([name, *(f"{value:g}" for value in values)]) for name, values in sorted(self.now.items())]
+    Returns its name ("" for all) and its numbers (None if it ends). Raises ValueError for an unknown fault or wrong
+    numbers.
+    """
+    words = text.lower().split()
+    if words == ["end"]:
+        return "", None
+    ends = len(words) == 2 and words[0] == "end"
+    name = words[ends] if words else ""
+    if name not in FAULTS:
+        raise ValueError(f"unknown, must be {', '.join(_USAGES)}, end or end NAME")
+    if ends:
+        return name, None
+    fields, values = FAULTS[name], words[1:]
+    if len(values) != len(fields):
+        raise ValueError(f"needs {' '.join(map(str.upper, fields)) or 'no number'}")
+    return name, tuple(_number(name, field, value) for field, value in zip(fields, values, strict=True))
 
 
-def _numbers(name: str, words: list[str]) -> tuple[float, ...]:
-    fields = FAULTS[name]
-    if len(words) != len(fields):
-        raise ValueError(f"fault {name}: needs {' '.join(map(str.upper, fields)) or 'no number'}, got {words}")
-    values = []
-    for what, word in zip(fields, words, strict=True):
-        try:
-            value = float(word)
-        except ValueError:
-            raise ValueError(f"fault {name}: {what} {word!r} is no number") from None
-        if not abs(value) <= _LIMITS[what]:  # also refuses NaN
-            raise ValueError(f"fault {name}: {what} {word} must be within {_LIMITS[what]:g}")
-        if value < 0 and what == "seconds" and name != "clock_jump":
-            raise ValueError(f"fault {name}: {what} {word} must not be negative")
-        values.append(value)
-    return tuple(values)
+def _number(fault: str, field: str, text: str) -> float:
+    most = _LIMITS[field]
+    least = 0.0 if field == "seconds" and fault != "clock_jump" else -most
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not least <= value <= most:  # also refuses NaN
+        raise ValueError(f"{field} {text} must be a number within {least:g} and {most:g}")
+    return value
+
+
+def fault_words(faults: Faults) -> list[str]:
+    return [" ".join([name, *(f"{value:g}" for value in values)]) for name, values in sorted(faults.items())]

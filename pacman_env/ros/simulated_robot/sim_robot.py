@@ -9,24 +9,27 @@ import dataclasses
 import json
 import math
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+import time
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from rclpy.clock import Clock, ClockType
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from ...sim.navigate_to_pose import Navigation
+from ...config import located
 from ...sim.robot_simulation import SimulatedRobot
 from ...world.navigation.localization import Pose
 from .. import topics
+from ..configured_node import ConfiguredNode, process, process_words
 from ..discovery import publishers, stay_on_this_machine
 from ..message_conversion import BadMessage, pose_of, process_of, started
-from ..node import GameNode, parameter, process_words, run
-from .sim_actions import NotesServer
+from ..node import parameter
+from ..process import run
+from .sim_actions import Notes
 from .sim_base import Base, InitialPose
-from .sim_faults import OF_LOCALIZATION, OF_NAVIGATION, Faults
+from .sim_faults import OF_LOCALIZATION, OF_NAVIGATION, Faults, fault_of, fault_words
 from .sim_nav2 import Nav2StandIn
 from .sim_sensors import Sensors
 
@@ -59,11 +62,11 @@ def _pose(text: str, name: str) -> Pose | None:
     return x, y, heading
 
 
-class SimRobot(GameNode):
-    """Node of the simulated robot; :meth:`tick` is called at the physics rate times the speed."""
+class SimRobot(ConfiguredNode):
+    """Node of the simulated robot; unless ``paced``, the caller steps it by :meth:`step` instead of a timer."""
 
-    def __init__(self) -> None:
-        super().__init__(NAME, with_map=True)
+    def __init__(self, *, paced: bool = True, **options: Any) -> None:
+        super().__init__(NAME, with_map=True, **options)
         config = self.config
         seed = parameter(self, "seed", 0, "random seed of the robot", 0, 2**63 - 1)
         home = parameter(self, "home", "", "start pose x,y,heading, m and rad; empty: as in the game")
@@ -98,33 +101,37 @@ class SimRobot(GameNode):
             raise ValueError(reason)
         self.step_ns = round(config.physics_step_s * 1e9)
         self._scan_steps = round(config.localization.scan_period_s / config.physics_step_s)
-        self._start_ns = START_NS if self._simulated else self.surroundings.time_ns()
-        self._began = self.surroundings.monotonic()  # wall time of step 0
-        self._faults = Faults()
-        self._nav2 = Nav2StandIn(self, Navigation(robot), self._faults) if navigates else None
+        self._start_ns = START_NS if self._simulated else time.time_ns()
+        self._began = time.monotonic()  # wall time of step 0
+        self._faults: Faults = {}
+        self._faults_out = FAULTS_NOW.publisher(self)
         place = robot.pose if dock == AT_HOME else _pose(dock, "dock")
-        self._base = None if navigates else Base(self, robot, place, charge)
+        self._body = Nav2StandIn(self, robot) if navigates else Base(self, robot, place, charge)
         self._initial_pose = InitialPose(self, robot) if localized and not self._localizes else None
         self._audio = AUDIO_SHOWN.publisher(self)
-        self._notes = NotesServer(self, lambda what: self._audio.publish(String(data=json.dumps(what))))
+        self._notes = Notes(self, robot, lambda what: self._audio.publish(String(data=json.dumps(what))))
         self._clock_out = topics.CLOCK.publisher(self) if self._simulated else None
         if self._simulated:
             self._own_clock()
         self._sensors = Sensors(self, robot, self._stamp(), alone=not navigates, map_out=map_out)
         self._lightring = LIGHT_RING_SHOWN.publisher(self)
         self._lights = ""
-        self._faults_out = FAULTS_NOW.publisher(self)
-        self._listen(stamped)
-        self._begin_faults(filter(str.strip, faults.split(";")))
-        period_s = config.physics_step_s / self._speed
-        if not self.surroundings.lock_step:
-            self.create_timer(period_s, self.tick, clock=self.surroundings.clock())
-        self.create_timer(OTHERS_S, self._check_others, clock=self.surroundings.clock())
+        velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
+        self.listen(velocity, self._on_velocity, "bad velocity")
+        if self._localizes:
+            self.listen(topics.INITIAL_POSE, self._on_initial_pose, "bad initial pose")
+        self.listen(topics.LIGHT_RING, self._on_lights, "bad lights")
+        self.listen(FAULT, lambda message: self._apply_faults([message.data]), "bad fault")
+        self._apply_faults(filter(str.strip, faults.split(";")))
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        if paced:
+            self.create_timer(config.physics_step_s / self._speed, self.tick, clock=wall)
+        self.create_timer(OTHERS_S, self._check_others, clock=wall)
         x, y, heading = robot.pose
         self.get_logger().info(f"{robot.occupancy.name}: robot at ({x:.2f}, {y:.2f}, {heading:.2f}), seed {seed}")
 
     def _own_clock(self) -> None:
-        self._owner = {"namespace": self.get_namespace(), "started": self.surroundings.process()}
+        self._owner = {"namespace": self.get_namespace(), "started": process()}
         self.listen(topics.CLOCK_OWNER, self._on_clock_owner, "bad clock owner")
         self._owner_out = topics.CLOCK_OWNER.publisher(self)
         self._owner_out.publish(String(data=json.dumps(self._owner)))
@@ -150,29 +157,10 @@ class SimRobot(GameNode):
             place = str(other.get("namespace"))[:100]
             self.refuse(f"another clock runs in this ROS domain: {place}/{NAME}, {process_words(other)}; {ONE_CLOCK}")
 
-    def _listen(self, stamped: bool) -> None:
-        velocity = topics.CMD_VEL if stamped else dataclasses.replace(topics.CMD_VEL, type_name="geometry_msgs/Twist")
-        handlers: tuple[tuple[topics.Topic, Callable[[Any], None]], ...] = (
-            (velocity, self._on_velocity),
-            *(((topics.INITIAL_POSE, self._on_initial_pose),) if self._localizes else ()),
-            *(self._nav2.handlers() if self._nav2 is not None else ()),
-            (topics.LIGHT_RING, self._on_lights),
-            (FAULT, lambda message: self._begin_faults([message.data])),
-        )
-        for topic, handle in handlers:
-            topic.subscription(self, partial(self._handle, topic.name, handle))
-
-    def _handle(self, name: str, handle: Callable[[Any], None], message: Any) -> None:
-        """Handle a message; a bad message is logged once and changes nothing."""
-        try:
-            handle(message)
-        except ValueError as error:
-            self.once.warning(f"{name} ignored", f"{name} ignored: {error}")
-
     # Time
 
     def _now_ns(self) -> int:
-        ahead_s = self._faults.number("clock_jump") or 0.0
+        (ahead_s,) = self._faults.get("clock_jump", (0.0,))
         return max(self._start_ns + self.robot.steps * self.step_ns + round(ahead_s * 1e9), 1)
 
     def _stamp(self, ahead_ns: int = 0) -> Any:
@@ -182,7 +170,7 @@ class SimRobot(GameNode):
     def tick(self) -> None:
         """Step the world to the present wall time (times the speed), at most ``AT_ONCE`` steps."""
         step_s = self.step_ns * 1e-9 / self._speed
-        behind = math.floor((self.surroundings.monotonic() - self._began) / step_s) - self.robot.steps
+        behind = math.floor((time.monotonic() - self._began) / step_s) - self.robot.steps
         most = max(round(CATCH_UP_S / step_s), 1)
         lost = behind - most
         if lost > 0:
@@ -195,25 +183,17 @@ class SimRobot(GameNode):
 
     def step(self) -> None:
         robot = self.robot
-        if self._nav2 is not None:
-            self._nav2.step()
-        if self._base is not None:
-            self._base.step()
-            robot.step()
-        self._notes.step(robot.time_s)
+        self._body.step()
+        self._notes.step()
         stamp = self._stamp()
         if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp))
         with_scan = robot.steps % self._scan_steps == 0
+        turns = not self._body.docked  # a TurtleBot 4 stops the lidar on its dock
         silent = "base_silent" in self._faults
-        self._sensors.publish(self._stamp, with_scan, silent)
+        self._sensors.publish(self._stamp, with_scan=with_scan, lidar_turns=turns, base_silent=silent)
         if with_scan:
-            if self._nav2 is not None:
-                self._nav2.server.send_feedback(stamp)
-            if self._base is not None:
-                if not silent:
-                    self._base.publish(stamp)
-                self._sensors.lidar_turns = not self._base.dock.docked  # a TurtleBot 4 stops the lidar on its dock
+            self._body.publish(stamp)
             if self._initial_pose is not None:
                 self._initial_pose.publish_if_due(stamp)
             self._notes.send_feedback()
@@ -224,7 +204,8 @@ class SimRobot(GameNode):
         if "base_silent" in self._faults:
             return  # the silent process also passes velocities to the base
         twist = getattr(message, "twist", message)
-        (self.robot.set_velocity if self._base is None else self._base.command)(twist.linear.x, twist.angular.z)
+        with located("cannot drive", BadMessage, ValueError):
+            self._body.command(twist.linear.x, twist.angular.z)
 
     def _on_initial_pose(self, message: Any) -> None:
         pose = pose_of(message)
@@ -241,47 +222,44 @@ class SimRobot(GameNode):
 
     # Faults
 
-    def _apply_fault(self, text: str) -> None:
-        previous = dict(self._faults.now)
-        fault = self._faults.apply(text)
-        now = self._faults.now
-        try:
-            self._begin_fault(fault)
-        except ValueError as error:
-            self._faults.now = previous
-            raise ValueError(f"fault {fault}: {error}") from error
-        changed = {name for name in previous.keys() | now.keys() if previous.get(name) != now.get(name)}
-        if self._nav2 is not None:
-            self._nav2.navigation.abort_after_s = self._faults.number("abort")
-            if "nav2_away" in changed:
-                (self._nav2.close if "nav2_away" in now else self._nav2.open)()
-        if changed & {"pose_lost", "pose_jump", "base_silent"} or changed & {"kidnap", "wheels_slip"} - now.keys():
-            without = now.keys() & {"pose_lost", "base_silent"}  # AMCL needs odometry
-            self.robot.localizing = self._localizes and not without
-            x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
-            self.robot.shift_belief((x, y, heading))
+    def _apply_faults(self, texts: Iterable[str]) -> None:
+        """Begin or end faults; raises BadMessage at the first fault that is impossible, which changes nothing."""
+        for text in texts:
+            with located(f"fault {text!r}", BadMessage, ValueError):
+                name, numbers = fault_of(text)
+                now = {other: values for other, values in self._faults.items() if name not in ("", other)}
+                if numbers is not None:
+                    self._begin_fault(name, numbers)
+                    now[name] = numbers
+            self._change_faults(now)
+        words = fault_words(self._faults)
+        self._faults_out.publish(String(data=json.dumps(words)))
+        self.get_logger().info(f"faults: {', '.join(words) or 'none'}")
 
-    def _begin_fault(self, name: str) -> None:
+    def _begin_fault(self, name: str, numbers: tuple[float, ...]) -> None:
         """Apply the immediate effect of a fault; raises ValueError if the fault is impossible."""
-        if name in OF_NAVIGATION and self._nav2 is None:
+        if name in OF_NAVIGATION and not isinstance(self._body, Nav2StandIn):
             raise ValueError("needs the simulated Nav2 (parameter navigation)")
         if name in OF_LOCALIZATION and not self._localizes:
             raise ValueError("needs the simulated AMCL (parameter localization)")
         if name == "clock_jump" and not self._simulated:
             raise ValueError("needs use_sim_time")
         if name == "wheels_slip":
-            self.robot.slip(self._faults.now[name][0])
+            self.robot.slip(*numbers)
         if name == "kidnap":
-            x, y, heading = self._faults.now[name]
+            x, y, heading = numbers
             self.robot.kidnap((x, y, heading))
             self._sensors.publish_origin(self._stamp())
 
-    def _begin_faults(self, texts: Iterable[str]) -> None:
-        for text in texts:
-            self._apply_fault(text)
-        words = self._faults.words()
-        self._faults_out.publish(String(data=json.dumps(words)))
-        self.get_logger().info(f"faults: {', '.join(words) or 'none'}")
+    def _change_faults(self, now: Faults) -> None:
+        previous, self._faults = self._faults, now
+        self._body.set_faults(now)
+        changed = {name for name in previous.keys() | now.keys() if previous.get(name) != now.get(name)}
+        if changed & {"pose_lost", "pose_jump", "base_silent"} or changed & {"kidnap", "wheels_slip"} - now.keys():
+            without = now.keys() & {"pose_lost", "base_silent"}  # AMCL needs odometry
+            self.robot.localizing = self._localizes and not without
+            x, y, heading = now.get("pose_jump", (0.0, 0.0, 0.0))
+            self.robot.shift_belief((x, y, heading))
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,30 +1,20 @@
 """Run one node's module as a process that ends when its parent is gone, so that no node outlives ``ros up``.
 
-Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID HEARTBEAT_PIPE MODULE ARGUMENTS...``."""
+Started as ``python -m pacman_env.ros.supervisor.child PARENT_PID MODULE ARGUMENTS...``."""
 
-import ctypes
 import os
 import runpy
-import signal
 import sys
 
-from pacman_env.ros.heartbeat import HEART
-
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
-
-
-def end_with_parent(number: int = signal.SIGTERM) -> None:
-    """Ask Linux to send this process the signal ``number`` when its parent ends; elsewhere do nothing."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, number)
+from pacman_env.ros.end_with_parent import end_with_parent
 
 
 def main() -> None:
-    parent, HEART.pipe, module = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
+    parent, module = int(sys.argv[1]), sys.argv[2]
     end_with_parent()
     if os.getppid() != parent:  # the parent ended before the signal was set
         sys.exit(1)
-    sys.argv = sys.argv[3:]
+    sys.argv = sys.argv[2:]
     status: int | None = None
     try:
         runpy.run_module(module, run_name="__main__", alter_sys=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from pacman_env.ros.node import StopSignals
+from pacman_env.ros.process import StopSignals
 from pacman_env.ros.selector.reasons import POLICY_FAILS, POSE_JUMPED, REMEDIES, troubles_of
 from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine

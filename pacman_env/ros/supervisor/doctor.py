@@ -2,23 +2,25 @@
 
 It publishes nothing and only calls services that answer questions, so the robot does not move."""
 
-import contextlib
 import dataclasses
 import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import Any, TextIO
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 
 from pacman_env import __version__
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import NAMELESS, full_name, join, users_environment
 from pacman_env.ros.game_nodes import full_namespace
-from pacman_env.ros.node import ObserverNode, StopSignals
+from pacman_env.ros.observer import ObserverNode
+from pacman_env.ros.process import StopSignals
 from pacman_env.ros.supervisor.checks import CHECKS, examine, is_ready, render
-from pacman_env.ros.supervisor.checks.check import CheckTime, Observations, Request, Source
+from pacman_env.ros.supervisor.checks.check import CheckTime, Observations, Source
 from pacman_env.ros.supervisor.checks.domain import CLOCK
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
@@ -30,12 +32,16 @@ _LEAST_S = 2.0  # shortest time, for measuring rates
 _PERIOD_S = 0.5  # between two examinations of the observations
 _WAITING_S = 0.5  # longest time for handling messages that have arrived
 _NAMES_S = 1.0  # node names are discovered after their endpoints
-_ONLOOKERS = ("pacman_", "_ros2cli")  # prefixes of this package's observers and of ROS's command line
+#: Prefixes of this package's observers and of ROS's command line.
+_ONLOOKERS = ("pacman_up", "pacman_doctor", "pacman_page", "pacman_recorder", "_ros2cli")
 _OF_ALL = ("/rosout", "/parameter_events")  # topics that every node publishes
 
 
 class Doctor(ObserverNode):
     """Node that observes for at most ``wait_s`` in :meth:`observe`; ``map`` is the game's map, from ``map_file``."""
+
+    #: rclpy 7.1.5's EventsExecutor fails for callbacks that take a message's times of sending and reception.
+    make_executor = staticmethod(lambda context: SingleThreadedExecutor(context=context))
 
     def __init__(
         self, namespace: str, domain: int, map: OccupancyMap | None, map_file: str, sim: bool, wait_s: float
@@ -47,13 +53,16 @@ class Doctor(ObserverNode):
         )
         self._values = self._observed.values
         self._received = 0  # number of messages
-        self._callers: dict[Request[Any], Any] = {}
+        self._callers: dict[Source[Any], Any] = {}
         for source in dict.fromkeys(source for check in CHECKS for source in check.sources):
-            if isinstance(source, Source):
-                self._subscribe(source)
-            else:
-                with contextlib.suppress(ImportError, AttributeError):  # without the service's package: no answer
-                    self._callers[source] = topics.Service(source.name, source.type_name).client(self)
+            try:
+                if isinstance(source.interface, topics.Service):
+                    self._callers[source] = source.interface.client(self)
+                else:
+                    source.interface.subscription(self, partial(self._receive, source))
+            except (ImportError, AttributeError):
+                missing = f"the message type {source.interface.type_name} is not installed here"
+                self._observed.unavailable[source.name] = missing
 
     def observe(self, enough: Callable[[], bool]) -> None:
         """Receive messages for ``wait_s``, or until all findings are settled or ``enough`` returns True."""
@@ -63,8 +72,8 @@ class Doctor(ObserverNode):
             self.spin(min(0.1, end - now))
             if now >= due:
                 due = now + _PERIOD_S
-                for request, client in self._callers.items():
-                    self._call(request, client)
+                for source, client in self._callers.items():
+                    self._call(source, client)
                 if all(finding.settled for finding in examine(self.observations())):
                     break
         self.spin_until(lambda: not self._nameless() or enough(), _NAMES_S)
@@ -85,31 +94,24 @@ class Doctor(ObserverNode):
         clock, age_s = self._values.get(CLOCK), max(0.0, time.time() - wall_s)
         return CheckTime(wall_s, time.monotonic() - age_s, None if clock is None else clock.clock_s)
 
-    def _subscribe(self, source: Source[Any]) -> None:
-        name, qos = source.name, getattr(topics, source.qos)
-
-        def receive(message: Any, info: Mapping[str, int]) -> None:
-            # Time of reception by the middleware: on a busy machine a message may wait here for seconds.
-            self._received += 1
-            arrival = self._moment((info["received_timestamp"] or time.time_ns()) / 1e9)
-            try:
-                self._values[source] = source.fold(self._values.get(source), message, arrival)
-            except Exception as error:  # a bad message of a foreign node must not end the doctor
-                self._observed.unreadable[name] = f"{type(error).__name__}: {error}"
-
+    def _receive(self, source: Source[Any], message: Any, info: Mapping[str, int]) -> None:
+        # Time of reception by the middleware: on a busy machine a message may wait here for seconds.
+        self._received += 1
+        arrival = self._moment((info["received_timestamp"] or time.time_ns()) / 1e9)
+        self._observed.arrivals[source] = (*self._observed.arrivals.get(source, ())[-1:], arrival.monotonic_s)
         try:
-            self.create_subscription(topics.Topic(name, source.type_name, qos).type, name, receive, qos)
-        except (ImportError, AttributeError):
-            self._observed.unavailable[name] = f"the message type {source.type_name} is not installed here"
+            self._values[source] = source.fold(self._values.get(source), message, arrival)
+        except Exception as error:  # a bad message of a foreign node must not end the doctor
+            self._observed.unreadable[source.name] = f"{type(error).__name__}: {error}"
 
-    def _call(self, request: Request[Any], client: Any) -> None:
+    def _call(self, source: Source[Any], client: Any) -> None:
         """Call a service again unless it has answered: the answer to an early call may be lost."""
 
         def store(future: Any) -> None:
             if future.exception() is None:
-                self._values[request] = request.read(future.result())
+                self._values[source] = source.fold(None, future.result(), self._moment(time.time()))
 
-        if request not in self._values and client.service_is_ready():
+        if source not in self._values and client.service_is_ready():
             client.call_async(client.srv_type.Request()).add_done_callback(store)
 
     def _graph(self) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:

@@ -1,5 +1,7 @@
 """Operator commands for a running game from another terminal: status, start, reset, stop, release."""
 
+import json
+import math
 import os
 import sys
 import time
@@ -7,16 +9,20 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from pacman_env import __version__
 from pacman_env.ros import topics
-from pacman_env.ros.discovery import join
-from pacman_env.ros.supervisor import status
-from pacman_env.ros.supervisor.status_line import ANSWER_S, StatusLine
+from pacman_env.ros.discovery import join, publishers
+from pacman_env.ros.game_monitor import MONITORED
+from pacman_env.ros.game_nodes import GAME, OURS, SELECTOR, SHADOW, needed_nodes
+from pacman_env.ros.supervisor.status_line import ANSWER_S, STOPPED, VALUES, StatusLine
 from pacman_env.ros.supervisor.terminal import wrapped
 
 DONE, REFUSED, NO_ANSWER = 0, 1, 3  # exit statuses; 2 means bad arguments
+INCOMPLETE = 1  # exit status of ``status``: a node or value is absent or pending
+QUIET_S = 3.0  # the wait of ``status`` ends after this time without a discovery or message
 SETTLE_S = 0.5  # after the first message, time for latched messages to arrive
 OBEY_S = 2.0  # time for all nodes to obey
-DRIVERS = ("goal_selector", "game_controller")  # nodes that send goals to Nav2
+DRIVERS = (GAME, SELECTOR)  # nodes that send goals to Nav2
 
 
 def operate(command: str, namespace: str, domain: int | None, sim: bool, wait_s: float) -> int:
@@ -54,8 +60,8 @@ def _stop(status_line: StatusLine, wait_s: float) -> int:
 
 
 def _late(status_line: StatusLine) -> list[str]:
-    """List the nodes that send goals and have not obeyed the stop; outside the menu even undiscovered (frozen) ones."""
-    names = status_line.discovered if status_line.state == "menu" else DRIVERS
+    """List the nodes that send goals and have not obeyed the stop; outside the menu even an undiscovered game."""
+    names = status_line.discovered | (set() if status_line.state == "menu" else {GAME})
     return [name for name in DRIVERS if name in names and name not in status_line.operator.obeyed_by]
 
 
@@ -75,9 +81,9 @@ def _status(status_line: StatusLine, wait_s: float, as_json: bool = False) -> in
     end_s = time.monotonic() + wait_s
     if not status_line.spin_until(lambda: status_line.state or "state" in status_line.game.invalid, wait_s):
         return _no_answer(status_line, topics.GAME_STATE.name)
-    missing = status.wait_for_all(status_line, end_s)
-    print((status.as_json if as_json else status.as_rows)(status_line, missing))
-    return status.INCOMPLETE if missing or status_line.unresponsive else status.ALL_THERE
+    missing = wait_for_all(status_line, end_s)
+    print((status_json if as_json else status_rows)(status_line, missing))
+    return INCOMPLETE if _names_of(missing) or status_line.silence else DONE
 
 
 COMMANDS: dict[str, Callable[[StatusLine, float], int]] = {
@@ -108,3 +114,96 @@ def _no_answer(status_line: StatusLine, what: str) -> int:
     text += f"for details run 'pacman-env ros doctor{' --sim' if status_line.sim else ''}'"
     print(wrapped(text) if sys.stderr.isatty() else text, file=sys.stderr)
     return NO_ANSWER
+
+
+#: By fact: the topic from which it is read.
+_SOURCES: dict[str, topics.Topic] = {
+    **{name: MONITORED[name].topic for name in VALUES},
+    "goal_selector": topics.DIAGNOSTICS,
+    "stopped": topics.OPERATOR_STOP,
+}
+
+#: Names of missing parts by kind (``nodes``, ``values``), of which the source is not discovered (``absent``) or has
+#: not published so far (``pending``).
+Missing = dict[str, dict[str, list[str]]]
+
+
+def wait_for_all(status_line: StatusLine, end_s: float) -> Missing:
+    """Wait for all nodes and values of a game, and return the missing ones.
+
+    The wait ends at ``end_s`` (monotonic, s), or if nothing new arrives for ``QUIET_S``. If nothing is missing, it
+    continues until it is known whether the goal selector still reports.
+    """
+    previous: Any = None
+    quiet_s = 0.0
+    while True:
+        missing, now_s = _missing(status_line), time.monotonic()
+        if missing != previous:
+            previous, quiet_s = missing, now_s + QUIET_S
+        if (not _names_of(missing) and status_line.silence is not None) or now_s >= min(quiet_s, end_s):
+            return missing
+        status_line.spin(0.05)
+
+
+def _names_of(missing: Missing, *states: str) -> list[str]:
+    """List the missing nodes and values, of all states or of ``states``."""
+    return [name for state in states or missing for names in missing[state].values() for name in names]
+
+
+def _missing(status_line: StatusLine) -> Missing:
+    originals, facts = status_line.originals, status_line.facts()
+    nodes = needed_nodes(status_line.sim, originals, status_line.condition.get("selector", OURS))
+    silent = [name for name in nodes if name not in originals and name not in status_line.game.nodes]
+    unknown = [name for name, topic in _SOURCES.items() if facts[name] is None]
+    published = {name for name in unknown if publishers(status_line, [_SOURCES[name].name])}
+    missing: Missing = {"absent": {}, "pending": {}}
+    for kind, names, discovered in (("nodes", silent, status_line.discovered), ("values", unknown, published)):
+        missing["absent"][kind] = [name for name in names if name not in discovered]
+        missing["pending"][kind] = [name for name in names if name in discovered]
+    return missing
+
+
+def status_json(status_line: StatusLine, missing: Missing) -> str:
+    return json.dumps({"version": __version__, **status_line.facts(), **missing}, indent=2)
+
+
+def status_rows(status_line: StatusLine, missing: Missing) -> str:
+    facts = status_line.facts()
+    age_s, speed, caught = facts["pose_age_s"], facts["clyde_speed_mps"], facts.get("ghosts_caught")
+    pellets = ("-" if facts[name] is None else facts[name] for name in ("pellets_collected", "pellets_spawned"))
+    rows = {
+        **{name: facts[name] for name in ("state", "round", "score")},
+        "pellets": "{} of {}".format(*pellets),
+        "ghosts": None if caught is None else f"{caught} caught",
+        "result": facts["result"],
+        "Clyde": None if speed is None else f"{speed:.2f} m/s",
+        "pose": "none yet" if age_s is None else f"{_place(status_line.condition)}{age_s:.1f} s ago",
+        "policy": facts["policy"],
+        "selector": _selector(status_line.condition, facts["nodes"]),
+        "nodes": ", ".join([*facts["nodes"], *(f"{name} (original)" for name in sorted(status_line.originals))]),
+        "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
+        "troubles": "; ".join(text for kind, text in status_line.troubles.items() if kind != STOPPED),
+        "invalid": "; ".join(f"{name}: {what}" for name, what in facts["invalid"].items()),
+        **{state: ", ".join(_names_of(missing, state)) for state in missing},
+    }
+    lines = (f"{name:<9} {value}" for name, value in rows.items() if value not in (None, ""))
+    return "\n".join(wrapped(line, 10) for line in lines)
+
+
+def _selector(condition: Any, nodes: list[str]) -> str:
+    """Describe who sends goals if it is not our goal selector, and who sends none."""
+    others = condition.get("selector", OURS)
+    words = [] if others == OURS else [f"{others}: goals are not sent from here"]
+    if SHADOW in nodes or condition.get("shadow"):
+        words.append("a shadow decides and logs, but drives nothing")
+    return "; ".join(words)
+
+
+def _place(condition: Any) -> str:
+    """Return the goal selector's believed pose as text, if it reports one."""
+    pose = condition.get("pose", ())
+    if pose is None:
+        return "unknown; "
+    if not (isinstance(pose, list) and len(pose) == 3 and all(isinstance(value, float | int) for value in pose)):
+        return ""
+    return f"({pose[0]:.2f}, {pose[1]:.2f}) m, {math.degrees(pose[2]):.0f} degrees; "

@@ -1,4 +1,4 @@
-"""The nodes of a game as processes: started in order, restarted when they die, stopped in three groups."""
+"""The processes of a game: started in order, restarted when they die or freeze, stopped in three groups."""
 
 import contextlib
 import os
@@ -9,31 +9,33 @@ import sys
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..heartbeat import Listener
+from ..heartbeat import ADDRESS, Listener
 from . import child
 
-#: Longest end of a node on a busy machine; last messages and a hanging middleware take 7 s (``node.py``).
+#: Longest end of a node on a busy machine; last messages and a hanging middleware take 7 s (``process.py``).
 PATIENCE_S = 30.0
 SLOW_START_S = 10.0  # largest pause before a restart; it doubles at each death
 MANY = 5  # this many deaths ...
 SOON_S = 60.0  # ... within this time: a restart does not help
 BAD_START = 2  # exit status of a node that refuses its arguments (``node.py``)
-AT_REST_S = 20.0  # a younger process may still be starting
 _END_POLL_S = 0.01
-RESTARTS = 3  # this many restarts of a process that does not respond ...
-RESTARTS_S = 600.0  # ... within this time: another restart does not help
 _LOG_END = 2000  # bytes at the end of a log in which a reason for a death is sought
-#: A log line below the level of a warning, which is not the reason for an end.
+#: A log line below the level of a warning, or of a traceback's marks, which is not the reason for an end.
 _NO_REASON = re.compile(r"\[(DEBUG|INFO)\]")
 #: A line of the log or of Python that may be the reason even if the process was killed.
 _ERROR = re.compile(r"\[(ERROR|FATAL)\]|^(Fatal Python error|[\w.]*(Error|Exception|Interrupt)\b)")
 
 
 class Lost(RuntimeError):
-    """Raised for a node that cannot be kept alive: it refused to start, or died too often in a short time."""
+    """Raised for a process that cannot be kept alive: it ``refuses`` to start, or died too often in a short time."""
+
+    def __init__(self, words: str, refuses: bool) -> None:
+        super().__init__(words)
+        self.refuses = refuses
 
 
 @dataclass
@@ -43,17 +45,11 @@ class GroupMember:
     due_s: float | None = None  # time of the next start
     log_begins: int = 0  # size of the log at the last start, bytes
     deaths: list[float] = field(default_factory=list)
-    started_s: float = 0.0
-    restarts: list[float] = field(default_factory=list)  # times of restarts for lack of a response, s
-    left_alone: bool = False  # True: no more restarts, because there were too many
-    ended_by_us: bool = False  # True: killed for a restart, which was already reported
-    heartbeat: Listener = field(default_factory=Listener)
+    words: str = ""  # why it does not run, or was started again
 
     @property
-    def is_frozen(self) -> bool:
-        """True if the process runs but its heartbeat is late."""
-        process = self.process
-        return process is not None and process.poll() is None and self.heartbeat.is_late(process.pid)
+    def pid(self) -> int:
+        return 0 if self.process is None else self.process.pid
 
 
 @dataclass
@@ -63,8 +59,12 @@ class ProcessGroup:
     environment: dict[str, str]
     report: Callable[[str], None]  # called with a line for each event
     spare: Collection[str] = ()  # dispensable processes: given up instead of raising Lost
-    final: Collection[str] = ()  # processes that are not restarted when they end
     _members: dict[str, GroupMember] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        address = f"pacman_env-up-{os.getpid()}-{id(self)}"
+        self._heartbeats = Listener(address)
+        self.environment = {**self.environment, ADDRESS: address}
 
     def start(self, name: str) -> None:
         member = self._members[name] = GroupMember(name)
@@ -73,16 +73,12 @@ class ProcessGroup:
     def __contains__(self, name: str) -> bool:
         return name in self._members
 
-    def status(self, name: str) -> int | None:
-        """Return the exit status; None while the process runs or waits for its restart."""
-        process = self._members[name].process
-        return None if process is None else process.poll()
-
     def ids(self) -> dict[str, int]:
-        return {member.name: member.process.pid for member in self._members.values() if member.process is not None}
+        return {member.name: member.pid for member in self._members.values() if member.process is not None}
 
-    def remove(self, name: str) -> None:
-        del self._members[name]
+    def states(self) -> dict[str, str]:
+        """Return for each process why it does not run; "" if it runs."""
+        return {member.name: "" if member.process is not None else member.words for member in self._members.values()}
 
     def reason_of_end(self, name: str) -> str:
         """Return the last log line since the start, which probably tells why the process ended, or the log's path."""
@@ -94,7 +90,7 @@ class ProcessGroup:
         with contextlib.suppress(OSError), path.open("rb") as log:
             log.seek(max(self._members[name].log_begins, path.stat().st_size - _LOG_END))
             lines = [line.rstrip() for line in log.read().decode(errors="replace").splitlines()]
-            lines = [line for line in lines if line[:1].strip() and not line.endswith(":")]  # no lines of a traceback
+            lines = [one for one in lines if one[:1].strip(" ^~") and not one.endswith(":")]  # no lines of a traceback
             if lines and (what.search(lines[-1]) if what else not _NO_REASON.search(lines[-1])):
                 return f"{lines[-1]} ({path})"
         return ""
@@ -110,67 +106,42 @@ class ProcessGroup:
         else:
             words, reason = f"ended with status {status}", self._reason(name)
         words += f": {reason}" if reason else f", its log is {self._log(name)}"
-        if name in self.final:
-            return words, True
         many = len(member.deaths) >= MANY
         return f"died {MANY} times within {SOON_S:.0f} s, at last it {words}" if many else words, many
 
-    def restart_frozen(self) -> list[str]:
-        """Restart the processes whose heartbeat is late, and return their names."""
-        frozen = [member for member in self._members.values() if member.is_frozen]
-        for member in frozen:
-            self.restart(member.name, f"it is frozen, no heartbeat for {member.heartbeat.silent_s:.0f} s", frozen=True)
-            member.heartbeat.silent_s = 0.0
-        return [member.name for member in frozen]
-
-    def restart(self, name: str, reason: str, frozen: bool = False) -> None:
-        """Kill a process that does not respond, at most ``RESTARTS`` times; ``restart_dead`` restarts it."""
-        member, now = self._members[name], time.monotonic()
-        starts = not frozen and now - member.started_s < AT_REST_S
-        if member.process is None or member.process.poll() is not None or starts:
-            return
-        member.restarts = [when for when in member.restarts if now - when < RESTARTS_S]
-        if len(member.restarts) < RESTARTS:
-            member.restarts.append(now)
-            member.left_alone = False
-            self.report(f"{name} is started again: {reason}")
-            member.ended_by_us = True
-            member.process.kill()  # a frozen process may be unable to end by itself
-            member.process.wait()
-        elif not member.left_alone:
-            member.left_alone = True
-            self.report(f"{name}: {RESTARTS} restarts did not help: {reason}")
-
-    def restart_dead(self) -> list[str]:
-        """Restart dead processes that are due, and return the newly dead ones; raises Lost if restarts do not help."""
-        dead, now = [], time.monotonic()
+    def restart(self) -> list[str]:
+        """Restart dead and frozen processes, and return their names; raises Lost if restarts do not help."""
+        lost, now = self._heartbeats.lost(), time.monotonic()
+        ended = []
         for member in self._members.values():
-            name = member.name
-            if member.process is not None and (status := member.process.poll()) is not None:
-                dead.append(name)
-                member.process = None
-                self._schedule_restart(member, status, now)
+            process = member.process
+            if process is not None and process.poll() is None and lost.get(member.pid):
+                process.kill()  # a frozen process may be unable to end by itself
+                process.wait()
+                member.words = f"is frozen, no heartbeat for {lost[member.pid]:.0f} s"
+            if process is not None and process.poll() is not None:
+                ended.append(member.name)
+                self._schedule_restart(member, process.returncode, now)
             if member.process is None and member.due_s is not None and now >= member.due_s:
                 self._launch(member, "ab")
-        return dead
+        return ended
 
     def _schedule_restart(self, member: GroupMember, status: int, now: float) -> None:
-        """Report a death and schedule the restart, which is immediate after the first death."""
+        """Report an end and schedule the restart, which is immediate after the first one."""
         name = member.name
+        member.process = None
         member.deaths = [when for when in member.deaths if now - when < SOON_S] + [now]
         words, hopeless = self._end_of(member, status)
+        member.words, frozen = words, member.words
         if hopeless and name not in self.spare:
-            raise Lost(f"{name} {words}")
+            raise Lost(f"{name} {words}", status == BAD_START)
         if hopeless:
             member.due_s = None
-            self.report(f"{name} {words}; it is given up, the other nodes continue")
-        else:
-            many = len(member.deaths) > 1
-            pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if many else 0.0
-            member.due_s = now + pause
-            if not member.ended_by_us:
-                self.report(f"{name} {words}; again {f'in {pause:.0f} s' if many else 'at once'}")
-        member.ended_by_us = False
+            self.report(f"{name} {words}; it is given up, the other processes continue")
+            return
+        pause = min(SLOW_START_S, 2.0 ** (len(member.deaths) - 1)) if len(member.deaths) > 1 else 0.0
+        member.due_s = now + pause
+        self.report(f"{name} {frozen or words}; again {f'in {pause:.0f} s' if pause else 'at once'}")
 
     def stop(
         self,
@@ -190,13 +161,17 @@ class ProcessGroup:
             members = [self._members.pop(name) for name in names if name in self._members]
             running = {one.name: one.process for one in members if one.process and one.process.poll() is None}
             halts = halt if members and names is first else lambda: None
-            late = lambda names=members: [member.name for member in names if member.is_frozen]  # noqa: E731
-            killed += end(running, PATIENCE_S, waiting, late, halts)
+            killed += end(running, PATIENCE_S, waiting, partial(self._frozen, running), halts)
             for name, process in running.items():
                 if process.returncode == -signal.SIGALRM:
                     self.report(f"{name} did not leave the middleware, its log is {self._log(name)}")
             halts()  # again, because members of ``first`` may have sent another goal
+        self._heartbeats.close()
         return killed
+
+    def _frozen(self, processes: Mapping[str, subprocess.Popen[bytes]]) -> list[str]:
+        lost = self._heartbeats.lost()
+        return [name for name, process in processes.items() if process.pid in lost and process.poll() is None]
 
     def _log(self, name: str) -> Path:
         return self.logs / f"{name}.log"
@@ -204,18 +179,15 @@ class ProcessGroup:
     def _launch(self, member: GroupMember, mode: str) -> None:
         with self._log(member.name).open(mode) as log:
             member.log_begins = log.tell()
-            member.heartbeat.restart()
-            pipe, words = member.heartbeat.pipe, self.command(member.name)
             member.process = subprocess.Popen(
-                [sys.executable, "-m", child.__name__, str(os.getpid()), str(pipe), *words],
+                [sys.executable, "-m", child.__name__, str(os.getpid()), *self.command(member.name)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env=self.environment,
-                pass_fds=(pipe,),
                 start_new_session=True,  # Ctrl-C must only reach the command, which stops the nodes in order
             )
-        member.due_s, member.started_s = None, time.monotonic()
+        member.due_s, member.words = None, ""
 
 
 def end(

@@ -70,8 +70,8 @@ class RoundRequests:
                 self.wanted.append(service)
 
     def _read(self, service: Service, result: Any) -> None:
-        # A referee that has just restarted refuses a start until it has discovered the goal selector.
-        ready = self.status_line.state == "menu" and self.status_line.has_selector
+        # A game that has just been restarted refuses a start until it knows the robot's pose.
+        ready = self.status_line.state == "menu" and self.status_line.ready
         if result.success:
             self.starts = self.play_on or (self.starts and service is not START_GAME)
         elif service is START_GAME and self.starts:  # repeated, unless it has begun and its answer was lost

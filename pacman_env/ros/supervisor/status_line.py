@@ -3,6 +3,7 @@
 It publishes nothing until it must stop the robot."""
 
 import contextlib
+import json
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -11,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.duration import Duration
-from rclpy.parameter import Parameter
 
 from pacman_env.ros import topics
+from pacman_env.ros.configured_node import process_words
 from pacman_env.ros.discovery import publishers
-from pacman_env.ros.game_monitor import MONITORED, NO_RESPONSE, GameMonitor
-from pacman_env.ros.game_nodes import SELECTOR, full_namespace
+from pacman_env.ros.game_monitor import MONITORED, GameMonitor
+from pacman_env.ros.game_nodes import GAME, ORIGINALS, OURS, full_namespace
 from pacman_env.ros.message_conversion import LONGEST_WORD, BadMessage
-from pacman_env.ros.node import ObserverNode, process_words
+from pacman_env.ros.observer import ObserverNode
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.selector.reasons import REMEDIES, SILENCE, SILENT_S
 from pacman_env.ros.supervisor.terminal import fitted
@@ -30,24 +31,24 @@ KNOWN_S = 0.3  # before a first call: a server that does not know the client yet
 STOPPED = "stopped by the operator"
 #: Values of the game monitor that the referee publishes.
 VALUES = ("state", "result", "round", "score", "pellets_collected", "pellets_spawned", "clyde_speed_mps")
-_RECEIVED = (*VALUES, "ghosts_caught", "condition", "configuration", "unresponsive", "pose")
+_RECEIVED = (*VALUES, "ghosts_caught", "condition", "configuration", "started")
 #: Troubles of the goal selector that the line shows in other words.
 _IN_OTHER_WORDS = ("no Nav2", "ghosts unheard", STOPPED)
 
 
 class StatusLine(ObserverNode):
-    """Node that follows a game, with ``sim`` in simulated time; ``policy`` is shown until the selector reports one."""
+    """Node that follows a game; ``policy`` is shown until the game reports one."""
 
     def __init__(self, namespace: str, sim: bool, policy: str = "") -> None:
-        clock = Parameter("use_sim_time", Parameter.Type.BOOL, sim)
-        super().__init__("pacman_up", full_namespace(namespace), parameter_overrides=[clock])
+        super().__init__("pacman_up", full_namespace(namespace))
         self.sim, self._policy = sim, policy
         self.game = GameMonitor()
         for topic in (MONITORED[name].topic for name in _RECEIVED):
             self.listen(topic, partial(self.game.update, topic.name), f"bad {topic.name}")
         self._heard_s: deque[float] = deque(maxlen=2)  # arrivals of the last two diagnostics, s
-        self.listen(topics.DIAGNOSTICS, lambda _: self._heard_s.append(time.monotonic()), "")
+        self.listen(topics.DIAGNOSTICS, lambda message: self._heard_s.append(time.monotonic()), "")
         self.operator = OperatorStop(self, obeys=False)
+        self._processes: Any = None
         self._cmd_vel: Any = None
         self._cancel: Any = None
         self._callers: dict[str, Any] = {}
@@ -71,12 +72,12 @@ class StatusLine(ObserverNode):
         return self.game.condition
 
     @property
-    def policy(self) -> str:
-        return plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD)
-
-    @property
     def ready(self) -> bool:
-        return bool(self.condition.get("active") and self.condition.get("nav2"))
+        """True if a round can begin."""
+        condition = self.condition
+        if condition.get("selector", OURS) != OURS:
+            return True
+        return bool(condition.get("active") and condition.get("nav2") and condition.get("pose"))
 
     @property
     def discovered(self) -> set[str]:
@@ -84,34 +85,28 @@ class StatusLine(ObserverNode):
         return {name for name, place in self.get_node_names_and_namespaces() if place == self.get_namespace()}
 
     @property
-    def has_selector(self) -> bool:
-        """True if a goal selector is discovered; the referee requires it for a round, too."""
-        return self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name)) > 0
+    def silence(self) -> str | None:
+        """Return why the game seems to be dead or frozen, "" if it reports.
 
-    @property
-    def pose_age_s(self) -> float | None:
-        """Age of the last ``amcl_pose``, s, None before the first; AMCL publishes none while the robot stands."""
-        now_ns = self.get_clock().now().nanoseconds
-        if self.game.pose is None or (self.sim and not now_ns):  # the simulated robot's clock has not been received
-            return None
-        return (now_ns - self.game.pose.stamp_ns) / 1e9
-
-    @property
-    def unresponsive(self) -> dict[str, str] | None:
-        """Reasons by node's name: why a node does not respond to the referee, or that it no longer reports.
-
-        None while it is unknown whether the goal selector reports: its only diagnostics may be an old, latched message.
+        None while that is unknown: its only diagnostics may be an old, latched message.
         """
         silent_s = time.monotonic() - self._heard_s[-1] if self._heard_s else 0.0
         if silent_s > SILENT_S:
-            return {**self.game.unresponsive, SELECTOR: SILENCE.format(silent_s)}
-        return None if len(self._heard_s) == 1 else dict(self.game.unresponsive)
+            return SILENCE.format(silent_s)
+        return None if len(self._heard_s) < 2 and (self._heard_s or self.condition) else ""
 
     @property
     def troubles(self) -> dict[str, str]:
-        """Current troubles by kind: nodes that do not respond, and reports of the goal selector."""
-        silent = {NO_RESPONSE.format(node): f"{node}: {reason}" for node, reason in (self.unresponsive or {}).items()}
+        """Current troubles by kind: a silent game, and its own reports."""
+        silent = {f"{GAME} does not respond": f"{GAME}: {self.silence}"} if self.silence else {}
         return {plain(kind, LONGEST_WORD): text for kind, text in {**silent, **self.game.troubles}.items()}
+
+    @property
+    def originals(self) -> set[str]:
+        """Names of the discovered nodes of the original game, which have no namespace or the game's."""
+        places = ("/", self.get_namespace())
+        found = {name for name, place in self.get_node_names_and_namespaces() if place in places}
+        return found & set(ORIGINALS)
 
     def others(self) -> str:
         """Describe a discovered game, or another clock, that prevents a game here; empty if there is none."""
@@ -124,41 +119,41 @@ class StatusLine(ObserverNode):
 
     def facts(self) -> dict[str, Any]:
         """Return the state of the game as plain values; missing and invalid values are None."""
-        caught = self.game.valid("ghosts_caught")
+        caught, age_s = self.game.valid("ghosts_caught"), self.condition.get("pose_age_s")
         return {
             "namespace": self.get_namespace(),
             **{name: self.game.valid(name) for name in VALUES},
             **({} if caught is None else {"ghosts_caught": caught}),
-            "policy": self.policy or None,
-            "pose_age_s": self.pose_age_s,
+            "policy": plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD) or None,
+            "pose_age_s": float(age_s) if isinstance(age_s, int | float) else None,
             "nodes": sorted(self.game.nodes),
             "stopped": self.operator.stopped if self.operator.known else None,
             "goal_selector": self.condition or None,
-            "unresponsive": self.unresponsive,
+            "silence": self.silence,
+            "processes": self.game.started.get("processes"),
             "invalid": {name: self.game.invalid[name] for name in VALUES if name in self.game.invalid},
         }
 
     def line(self, pose_age: bool) -> str:
         """Describe the game in one line, with the age of the pose only if ``pose_age`` (it always changes)."""
-        caught = self.game.valid("ghosts_caught")
-        age, troubles = self.pose_age_s, [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
-        values = {name: self.game.valid(name) for name in VALUES}
-        texts = {name: "-" if value is None else value for name, value in values.items()}
-        texts |= dict.fromkeys(self.game.invalid, "?")
-        if texts["state"] == "?":
-            texts["state"] = "unknown state"
-        pose = "no pose yet" if age is None else f"pose {age:.1f} s ago" if pose_age else "pose known"
+        facts, condition = self.facts(), self.condition
+        age_s, troubles = facts["pose_age_s"], [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
+        texts = {name: "-" if facts[name] is None else facts[name] for name in VALUES}
+        texts |= dict.fromkeys(facts["invalid"], "?")
+        pose = "no pose yet" if age_s is None else f"pose {age_s:.1f} s ago" if pose_age else "pose known"
+        if condition.get("selector", OURS) != OURS:
+            pose = f"selector {condition['selector']}"
         parts = [
-            f"{texts['state']:<14}",
+            f"{'unknown state' if texts['state'] == '?' else texts['state']:<14}",
             f"round {texts['round']}",
             f"score {texts['score']}",
             f"pellets {texts['pellets_collected']}/{texts['pellets_spawned']}",
-            "" if caught is None else f"ghosts caught {caught}",
+            f"ghosts caught {facts['ghosts_caught']}" if "ghosts_caught" in facts else "",
             "STOPPED" if self.operator.stopped else "",
-            "Nav2 does not answer" if self.condition.get("nav2") is False else "",
-            "Nav2 does not see Clyde" if self.condition.get("ghosts_heard") is False else "",
+            "Nav2 does not answer" if condition.get("nav2") is False else "",
+            "Nav2 does not see Clyde" if condition.get("ghosts_heard") is False else "",
             *sorted(troubles, key=lambda kind: kind not in REMEDIES),
-            *(values["result"] or "", pose, Path(self.policy).name),
+            *(facts["result"] or "", pose, Path(facts["policy"] or "").name),
         ]
         return fitted(list(filter(None, parts)))
 
@@ -170,6 +165,13 @@ class StatusLine(ObserverNode):
         if not client.service_is_ready() or time.monotonic() - start_s < KNOWN_S:
             return None
         return client.call_async(service.type.Request())
+
+    def publish_processes(self, states: Mapping[str, str], event: str, number: int) -> None:
+        """Publish why processes do not run ("": runs), and the newest of ``number`` events."""
+        if self._processes is None:
+            self._processes = topics.PROCESSES.publisher(self)
+        content = {"processes": dict(states), "event": event, "number": number}
+        self._processes.publish(topics.PROCESSES.type(data=json.dumps(content)))
 
     def prepare_halt(self) -> None:
         """Create publisher and client of ``halt`` early, so that they are discovered before it is called."""

@@ -60,7 +60,7 @@ def fitted(parts: Sequence[str], width: int | None = None) -> str:
 
 def wrapped(text: str, indent: int = 0) -> str:
     """Wrap text between words to the terminal's width and indent all lines but the first. Paths stay whole."""
-    width = shutil.get_terminal_size().columns
+    width = shutil.get_terminal_size().columns - 1
     indented = " " * indent
     return "\n".join(
         textwrap.wrap(text, width, subsequent_indent=indented, break_on_hyphens=False, break_long_words=False)

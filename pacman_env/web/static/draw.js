@@ -137,7 +137,8 @@ export function drawTop(painter, shown) {
   const opened = finale && !finale.won ? mouth + (OPENED_UP - mouth) * finale.share : mouth; // until nothing is left
   if (poses.robot) {
     const at = view.toScreen(...poses.robot);
-    drawPacMan(painter, poses.robot, radius, opened, { fill: colours.robot, stroke: colours.rim });
+    const fill = scene.pose_lost ? colours.home : colours.robot;
+    drawPacMan(painter, poses.robot, radius, opened, { fill, stroke: colours.rim });
     if (finale) drawFinale(painter, at, radius, finale, colours);
     if (mine === "robot") painter.circle(at, radius + 5, { stroke: colours.goal, dash: [3, 3] });
     if (frame.stopped) painter.polygon(OCTAGON, at, radius + 9, { stroke: RED, width: 4 });

@@ -160,19 +160,32 @@ const SHORTCUTS = {
 };
 addEventListener("keydown", (event) => isShortcut(event) && SHORTCUTS[event.key]?.());
 
+const row = (result, mark, name, ...words) => make("li", { data: { state: result } },
+  make("span", { class: `mark ${result}`, text: mark }), make("strong", { text: name }), make("p", {}, ...words));
+
 async function checkReadiness() {
   const again = $("ready-check");
   write(again, "Checking");
   const answer = await game.request({ do: "ready" }, 30000);
   write(again, "Check again");
   if (!answer) return;
-  $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: result, words, remedy }) =>
-    make("li", { data: { state: result } },
-      make("span", { class: `mark ${result}`, text: READINESS[result] ?? result }), make("strong", { text: name }),
-      make("p", {}, words, remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : null))));
+  $("ready").replaceChildren(...(answer.data ?? []).map(({ name, state: result, words, remedy }) => row(
+    result, READINESS[result] ?? result, name, words, remedy ? make("strong", { text: ` What to do: ${remedy}.` }) : "")));
 }
 $("ready-check").onclick = checkReadiness;
 state.on("tab hello", () => state.connected && !$("panel-ready").hidden && checkReadiness());
+// The processes of a robot's game and the page's connection, as a list and as lamps; a lamp has its name if it is off.
+state.on("scene connection", () => {
+  const { connected, scene } = state;
+  const known = Object.entries(connected ? scene?.processes ?? {} : {});
+  const processes = [...known, ["page", connected ? "" : "no connection"]];
+  $("lamps").replaceChildren(...processes.map(([name, why]) => make("li", {
+    class: why ? "bad" : "ok", title: `${name}: ${why || "runs"}`,
+  }, make("span", { class: why ? "" : "hidden", text: `${name} ${why ? "off" : "runs"}` }))));
+  $("processes").replaceChildren(...processes.map(([name, why]) => (
+    row(why ? "bad" : "ok", why ? "✗ Off" : "✓ Runs", name, why))));
+});
+
 state.on("hello", ({ version, source, access, you }) => $("about").replaceChildren(...facts([
   ["Version", version], ["Game", GAMES[source]], ["Your name", you],
   ["Access", access === "operator" ? "operator: can run the game" : "viewer: can view, and STOP"],

@@ -168,7 +168,7 @@ export class GameMap {
       this.view.fit();
       if (this.view.following) this.follow(true);
     }
-    this.#trail = [];
+    if (!sameMap) this.#trail = [];
     this.redraw();
   }
 

@@ -200,13 +200,14 @@ async function poseRobot([x, y]) {
 
 let shown = ""; // of the alert
 
-state.on("scene", ({ alerts = [] }) => {
+state.on("scene", ({ alerts = [], pose_lost: lost = false }) => {
   const asks = alerts.some((one) => one.asks);
   const words = alerts.map(({ words: what, remedy, asks: answered }) =>
     `${what[0].toUpperCase()}${what.slice(1)}${answered ? ". Where is the robot?" : `: ${remedy}.`}`);
   if (words.join("\n") !== shown) $("alert-words").replaceChildren(...words.map((text) => make("p", { text })));
   shown = words.join("\n");
   $("alert").hidden = !alerts.length;
+  document.body.classList.toggle("pose-lost", lost);
   $("alert-answers").hidden = !asks;
   if (!asks && state.place === poseRobot) awaitClick();
 });

@@ -1,4 +1,4 @@
-"""Checks of ``pacman-env ros doctor`` and the operator's page, one function each, without ROS."""
+"""Checks of ``pacman-env ros doctor`` and the operator's page, one function each."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -10,15 +10,15 @@ from .check import BAD, UNKNOWN, Finding, Observations
 
 #: Checks in the order in which faults should be remedied.
 CHECKS = (*domain.CHECKS, *robot.CHECKS, *game.CHECKS)
-_NO_ROBOT = Finding(
-    *("robot", "Is there a robot?", UNKNOWN, "no other check is possible without a robot", "see above"), settled=False
-)
+_NO_ROBOT = "no other check is possible without a robot"
 _LONGEST = 300  # most characters of a summary
 
 
 def examine(observations: Observations) -> list[Finding]:
     findings = [check.find(observations) for check in CHECKS if observations.own or not check.needs_robot]
-    return [finding for finding in findings if finding is not None] + ([] if observations.own else [_NO_ROBOT])
+    if not observations.own:
+        findings.append(Finding("robot", "Is there a robot?", UNKNOWN, _NO_ROBOT, "see above", settled=False))
+    return [finding for finding in findings if finding is not None]
 
 
 def is_ready(findings: Iterable[Finding]) -> bool:
@@ -29,20 +29,15 @@ def render(findings: Sequence[Finding], title: str, width: int = 80) -> str:
     """Format the findings as lines of at most ``width`` columns; commands stay whole."""
     indent = max(len(finding.check) for finding in findings) + 6
     space, lines = " " * indent, [title]
-
-    def wrap(text: str, first: str, rest: str) -> None:
-        lines.extend(
-            textwrap.wrap(*(text, width), initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
-        )
-
     for finding in findings:
-        wrap(plain(finding.summary, _LONGEST), f"{finding.status:<4}{finding.check:<{indent - 4}}", space)
-        command = plain(finding.command, _LONGEST)
-        if finding.remedy or command:
-            colon = ":" if finding.remedy and command else ""
-            wrap(f"-> {plain(finding.remedy, _LONGEST)}{colon}".rstrip(), space, f"{space}   ")
-        if command:
+        texts = {f"{finding.status:<4}{finding.check:<{indent - 4}}": finding.summary}
+        if finding.remedy:
+            texts[f"{space}-> "] = f"{finding.remedy}{':' if finding.command else ''}"
+        for first, text in texts.items():
+            words = f"{first}{plain(text, _LONGEST)}"
+            lines += textwrap.wrap(words, width, subsequent_indent=space, break_on_hyphens=False)
+        if command := plain(finding.command, _LONGEST):
             lines.append(" " * min(indent + 3, max(width - len(command), 4)) + command)
     bad = [finding.check for finding in findings if finding.status == BAD]
-    wrap(f"{len(bad)} of {len(findings)} BAD: {', '.join(bad)}" if bad else "nothing is BAD", "", "")
-    return "\n".join(lines)
+    summary = f"{len(bad)} of {len(findings)} BAD: {', '.join(bad)}" if bad else "nothing is BAD"
+    return "\n".join([*lines, *textwrap.wrap(summary, width, break_on_hyphens=False)])

@@ -1,22 +1,23 @@
-"""Base of all checks: a check answers a question about a robot from observations. Does not import ROS.
+"""Base of all checks: a check answers a question about a robot from observations.
 
 A new check is a function in one of this folder's files, and an entry in ``CHECKS`` at the end of that file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from pacman_env.world.maps.occupancy import OccupancyMap
 
 from ...game_nodes import SIMULATOR
+from ...topics import Service, Topic
 
 OK, BAD, UNKNOWN = "ok", "BAD", "-"
 FIREWALL = "sudo ufw allow proto udp from 192.168.0.0/16"  # FIREWALL and RESTART are commands of remedies
 RESTART = "sudo systemctl restart turtlebot4"
 RESTART_GAME = "start or restart the simulated game"
-START_AGAIN = "ros up starts it again, at most 3 times in 10 min; under ros2 launch end its process"
 _LISTED = 5  # most names in one summary
 _NAV2_LOG = (
     "Nav2 is not up yet, or has ended: read nav2.log in the folder that ros up prints; with --nav2 none, start it with "
@@ -36,17 +37,8 @@ class Finding:
     command: str = ""  # command of the remedy, if it consists of one
     settled: bool = True  # False if more time may change it
 
-    @classmethod
-    def ok(cls, summary: str) -> Finding:
-        return cls("", "", OK, summary)
 
-    @classmethod
-    def bad(cls, summary: str, remedy: str, command: str = "", settled: bool = True) -> Finding:
-        return cls("", "", BAD, summary, remedy, command, settled)
-
-    @classmethod
-    def unknown(cls, summary: str, remedy: str = "", command: str = "", settled: bool = True) -> Finding:
-        return cls("", "", UNKNOWN, summary, remedy, command, settled)
+ok, bad, unknown = (partial(Finding, "", "", status) for status in (OK, BAD, UNKNOWN))
 
 
 class CheckTime(NamedTuple):
@@ -59,41 +51,19 @@ class CheckTime(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Source(Generic[T]):
-    """Topic that a check needs; ``fold`` summarizes its messages."""
+    """Topic or service that a check needs; ``fold`` summarizes its messages or responses."""
 
-    name: str  # relative to the robot's namespace
-    type_name: str  # ``package/Type``
-    fold: Callable[
-        [T | None, Any, CheckTime], T
-    ]  # previous summary (None at first), message and arrival -> new summary
-    qos: str = "EVENTS"  # name of a profile in topics.py
+    interface: Topic | Service
+    #: Previous summary (None at first), message and arrival -> new summary.
+    fold: Callable[[T | None, Any, CheckTime], T]
 
-
-@dataclass(frozen=True, eq=False)
-class Request(Generic[T]):
-    """Service that a check needs; ``read`` extracts a value from its response."""
-
-    name: str
-    type_name: str
-    read: Callable[[Any], T]
+    @property
+    def name(self) -> str:
+        return self.interface.name
 
 
-def newest(read: Callable[[Any], T]) -> Callable[[T | None, Any, CheckTime], T]:
-    return lambda previous, message, arrival: read(message)
-
-
-def monitored(value: str, name: str, type_name: str) -> Source[Any]:
-    """Return the source of the game monitor's value ``value``.
-
-    The value's reader needs ROS and is therefore imported at the first message.
-    """
-
-    def read(message: Any) -> Any:
-        from ...game_monitor import MONITORED
-
-        return MONITORED[value].read(message)
-
-    return Source(name, type_name, newest(read), "LATCHED")
+def newest(interface: Topic | Service, read: Callable[[Any], T]) -> Source[T]:
+    return Source(interface, lambda previous, message, arrival: read(message))
 
 
 @dataclass(frozen=True)
@@ -112,7 +82,8 @@ class Observations:
     nodes: tuple[str, ...] = ()  # all other nodes in the domain
     publishers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # by topic: the node of each publisher
     subscribers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    values: dict[Source[Any] | Request[Any], Any] = field(default_factory=dict)  # summaries of topics, and responses
+    values: dict[Source[Any], Any] = field(default_factory=dict)  # summaries of topics, and responses
+    arrivals: dict[Source[Any], tuple[float, ...]] = field(default_factory=dict)  # last two monotonic times, s
     unavailable: dict[str, str] = field(default_factory=dict)  # relative topic: why there is no subscription
     unreadable: dict[str, str] = field(default_factory=dict)  # relative topic: error in its messages
 
@@ -120,14 +91,15 @@ class Observations:
         """Return a name in the robot's namespace; an absolute name stays unchanged."""
         return name if name.startswith("/") else f"{self.namespace.rstrip('/')}/{name}"
 
-    def get(self, source: Source[T] | Request[T]) -> T | None:
+    def has(self, name: str) -> bool:
+        """Return True if the node ``name`` exists in the robot's namespace."""
+        return self.full(name) in self.nodes
+
+    def get(self, source: Source[T]) -> T | None:
         return self.values.get(source)
 
     def publishers_of(self, topic: str) -> list[str]:
         return list(dict.fromkeys(self.publishers.get(self.full(topic), ())))
-
-    def subscribers_of(self, topic: str) -> list[str]:
-        return list(dict.fromkeys(self.subscribers.get(self.full(topic), ())))
 
     @property
     def own(self) -> list[str]:
@@ -135,13 +107,9 @@ class Observations:
         return [name for name in self.nodes if name.startswith(self.full(""))]
 
     @property
-    def in_simulation(self) -> bool:
-        return self.full(SIMULATOR) in self.nodes
-
-    @property
     def virtual(self) -> bool:
         """True if a simulated robot exists or was requested."""
-        return self.simulated or self.in_simulation
+        return self.simulated or self.has(SIMULATOR)
 
     @property
     def real_nav2(self) -> bool:
@@ -154,56 +122,48 @@ class Observations:
 
     def silence(self, topic: str) -> str:
         """Explain, as far as the observations allow, why no message of a topic was received."""
-        if topic in self.unavailable:
-            return self.unavailable[topic]
         if topic in self.unreadable:
             return f"{topic} cannot be used: {self.unreadable[topic]}"
-        return f"{topic} not received {self.within}"
-
-    def waiting_remedy(self, topic: str) -> tuple[str, str]:
-        """Return remedy and command for a topic that was not received, but may only have few messages."""
-        if topic in self.unavailable:
-            build = "python -m tools.ros_interfaces.build"
-            return "source /opt/ros/jazzy/setup.bash; without a ROS installation", build
-        return "some bases publish it rarely: listen for longer, --wait 60", ""
+        return self.unavailable.get(topic, f"{topic} not received {self.within}")
 
     def not_yet(self, summary: str, remedy: str, command: str = "") -> Finding:
         """Return a BAD finding that more time may change; for a simulated robot, its own remedy replaces ``remedy``."""
         if self.virtual:
-            of_nav2 = self.real_nav2 and command in (self.start_nav2, self.start_localization)
+            of_nav2 = self.real_nav2 and command.startswith("ros2 launch")
             remedy, command = _NAV2_LOG if of_nav2 else RESTART_GAME, self.start_game
-        return Finding.bad(summary, remedy, command, settled=False)
+        return bad(summary, remedy, command, settled=False)
 
     def not_received(self, source: Source[Any]) -> Finding:
         """Return an UNKNOWN finding for a topic of a real base that was not received."""
         if not self.real_nav2:
-            return Finding.unknown("a simulated robot has none")
-        return Finding.unknown(self.silence(source.name), *self.waiting_remedy(source.name), settled=False)
+            return unknown("a simulated robot has none")
+        remedy, command = "some bases publish it rarely: listen for longer, --wait 60", ""
+        if source.name in self.unavailable:
+            remedy = "source /opt/ros/jazzy/setup.bash; without a ROS installation"
+            command = "python -m tools.ros_interfaces.build"
+        return unknown(self.silence(source.name), remedy, command, settled=False)
 
     @property
     def other_domain(self) -> int:
         return self.domain + 1 if self.domain < 101 else 1
 
+    def game_command(self, command: str) -> str:
+        """Return ``pacman-env ros`` with this command for the robot's game."""
+        place = self.namespace.strip("/") or "/"
+        return f"pacman-env ros {command} --namespace {place}{' --sim' if self.virtual else ''}"
+
     @property
     def start_game(self) -> str:
-        """Command that starts the game."""
-        sim = (" --sim --nav2" if self.real_nav2 else " --sim") if self.virtual else ""
-        place = self.namespace.strip("/") or "/"
-        return f"pacman-env ros up --map {self.map_file or 'FILE_OR_NAME'} --namespace {place}{sim}"
+        nav2 = " --nav2" if self.virtual and self.real_nav2 else ""
+        return self.game_command(f"up --map {self.map_file or 'FILE_OR_NAME'}") + nav2
 
-    @property
-    def start_localization(self) -> str:
+    def launch(self, part: str) -> str:
+        """Return the command that starts ``localization`` or ``nav2`` on a robot."""
         file = self.map_file or "$PWD/home.yaml"
         path = file if file.lower().endswith(".yaml") else f"$PWD/maps/{file}.yaml"
-        return self._launch("localization", f"map:={path}")
-
-    @property
-    def start_nav2(self) -> str:
-        return self._launch("nav2", "params_file:=$PWD/config/nav2.yaml")
-
-    def _launch(self, file: str, more: str) -> str:
         namespace = f" namespace:={self.namespace}" if self.namespace != "/" else ""
-        return f"ros2 launch turtlebot4_navigation {file}.launch.py{namespace} {more}"
+        given = "params_file:=$PWD/config/nav2.yaml" if part == "nav2" else f"map:={path}"
+        return f"ros2 launch turtlebot4_navigation {part}.launch.py{namespace} {given}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +171,7 @@ class Check:
     name: str
     question: str
     answer: Callable[[Observations], Finding | None]  # returns None if the question does not apply
-    sources: tuple[Source[Any] | Request[Any], ...] = ()
+    sources: tuple[Source[Any], ...] = ()
     needs_robot: bool = True  # False: also answered without a robot
 
     def find(self, robot: Observations) -> Finding | None:
@@ -225,14 +185,5 @@ def listed(names: Iterable[str]) -> str:
     return ", ".join(items[:_LISTED]) + more
 
 
-def both(names: Sequence[str]) -> str:
-    """Join names as ``a``, ``a and b``, or ``a, b and c``."""
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
-
-
 def count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def seconds(stamp: Any) -> float:
-    return float(stamp.sec) + float(stamp.nanosec) / 1e9

@@ -1,38 +1,22 @@
 """Checks of the robot itself: dock, battery, lidar, map, pose and transforms."""
 
 import math
-from collections import deque
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from ... import topics
+from ...game_monitor import MONITORED
 from ...map_comparison import differing_cells, grid_of, map_differences
-from .check import RESTART, Check, CheckTime, Finding, Observations, Source, count, monitored, newest, seconds
+from ...message_conversion import seconds_of, transform_of
+from .check import RESTART, Check, CheckTime, Finding, Observations, Source, bad, count, newest, ok, unknown
 from .domain import CLOCK, STAMPS, by_clock
 
 FLAT = 0.2  # charge (0 to 1) at which a TurtleBot 4 warns; it switches off at 0.12
 SLOWEST_SCAN_HZ = 4.0  # the RPLIDAR turns 5 to 10 times a second
 FEWEST_SCANS = 3
 FEWEST_RETURNS = 0.1  # share of rays; fewer mean that the lidar is covered
-
-
-class ScanTally(NamedTuple):
-    stamp_s: float
-    rays: int
-    returns: int  # number of rays with a return
-    nearest_m: float
-    farthest_m: float
-    frame: str
-
-
-def _add_scan(previous: deque[ScanTally] | None, message: Any, arrival: CheckTime) -> deque[ScanTally]:
-    scans = deque(maxlen=2000) if previous is None else previous
-    ranges = np.asarray(message.ranges, dtype=np.float64)
-    good = ranges[np.isfinite(ranges) & (ranges >= message.range_min) & (ranges <= message.range_max)]
-    nearest_m, farthest_m = float(good.min(initial=math.inf)), float(good.max(initial=0.0))
-    frame = str(message.header.frame_id).lstrip("/")[:100]
-    scans.append(ScanTally(seconds(message.header.stamp), len(ranges), len(good), nearest_m, farthest_m, frame))
-    return scans
 
 
 def _charge(message: Any) -> float:
@@ -43,10 +27,8 @@ def _charge(message: Any) -> float:
 
 
 # A TurtleBot 4 subscribes to both as sensor data; best effort receives from every publisher.
-DOCKED = Source("dock_status", "irobot_create_msgs/DockStatus", newest(lambda m: bool(m.is_docked)), "SENSOR_DATA")
-CHARGE = Source("battery_state", "sensor_msgs/BatteryState", newest(_charge), "SENSOR_DATA")
-SCANS = Source("scan", "sensor_msgs/LaserScan", _add_scan, "SENSOR_DATA")
-
+DOCKED = newest(replace(topics.DOCK_STATUS, qos=topics.SENSOR_DATA), lambda message: bool(message.is_docked))
+CHARGE = newest(replace(topics.BATTERY_STATE, qos=topics.SENSOR_DATA), _charge)
 
 SILENT_S = 2.0  # a base publishes odometry at least 20 times per second
 _SILENT = "create3_republisher, through which odometry, tf, battery and dock pass, may have stopped; on the robot"
@@ -54,16 +36,15 @@ _SILENT = "create3_republisher, through which odometry, tf, battery and dock pas
 
 def _check_silence(robot: Observations) -> Finding | None:
     """Report a silent base: odometry passes the base's republisher, scans do not, and both need the network."""
-    odometry = robot.get(STAMPS["odom"])
     if not robot.publishers_of("odom") or "odom" in robot.unavailable or not robot.get(STAMPS["scan"]):
         return None
-    if odometry is None:
+    if not (arrivals := robot.arrivals.get(STAMPS["odom"])):
         summary = f"{robot.silence('odom')}, but scan: {_SILENT.partition(',')[0]} is silent"
-        return robot.not_yet(summary, _SILENT, RESTART)
-    silent_s = robot.now.monotonic_s - odometry.last_s
-    if silent_s > SILENT_S:
-        return robot.not_yet(f"odom silent for {silent_s:.1f} s, but scan is not", _SILENT, RESTART)
-    return Finding.ok("odom arrives")
+    elif (silent_s := robot.now.monotonic_s - arrivals[-1]) > SILENT_S:
+        summary = f"odom silent for {silent_s:.1f} s, but scan is not"
+    else:
+        return ok("odom arrives")
+    return robot.not_yet(summary, _SILENT, RESTART)
 
 
 def _check_dock(robot: Observations) -> Finding:
@@ -72,8 +53,8 @@ def _check_dock(robot: Observations) -> Finding:
         return robot.not_received(DOCKED)
     if docked:
         undock = f'ros2 action send_goal {robot.full("undock")} irobot_create_msgs/action/Undock "{{}}"'
-        return Finding.bad("docked, where a TurtleBot 4 stops its lidar", "undock, with 1 m free behind it", undock)
-    return Finding.ok("undocked")
+        return bad("docked, where a TurtleBot 4 stops its lidar", "undock, with 1 m free behind it", undock)
+    return ok("undocked")
 
 
 def _check_battery(robot: Observations) -> Finding:
@@ -81,38 +62,36 @@ def _check_battery(robot: Observations) -> Finding:
     if charge is None:
         return robot.not_received(CHARGE)
     if charge >= FLAT:
-        return Finding.ok(f"{100 * charge:.0f} %")
+        return ok(f"{100 * charge:.0f} %")
     summary = f"{100 * charge:.0f} %, less than {100 * FLAT:.0f} %"
     if robot.get(DOCKED):
-        return Finding.bad(summary, "leave it on its dock")
+        return bad(summary, "leave it on its dock")
     dock = f'ros2 action send_goal {robot.full("dock")} irobot_create_msgs/action/Dock "{{}}"'
-    return Finding.bad(summary, "charge it, within sight of its dock", dock)
+    return bad(summary, "charge it, within sight of its dock", dock)
 
 
 def _check_lidar(robot: Observations) -> Finding:
-    scans = robot.get(SCANS)
-    if not scans or len(scans) < FEWEST_SCANS:
+    scans = [stamp.message for stamp in robot.get(STAMPS["scan"]) or ()]
+    if len(scans) < FEWEST_SCANS:
         summary = f"{count(len(scans), 'scan')} {robot.within}" if scans else robot.silence("scan")
-        return robot.not_yet(summary, *_lidar_remedy(robot))
-    stamps_s, rays, returns, nearest_m, farthest_m, _ = zip(*scans, strict=True)
-    span_s, share = stamps_s[-1] - stamps_s[0], sum(returns) / max(sum(rays), 1)
+        if robot.get(DOCKED):
+            return robot.not_yet(summary, "undock: a docked TurtleBot 4 stops it")
+        command = f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
+        return robot.not_yet(summary, "start its motor", command)
+    first, last = scans[0], scans[-1]
+    span_s = seconds_of(last.header.stamp) - seconds_of(first.header.stamp)
+    ranges_m = np.concatenate([scan.ranges for scan in scans])
+    good_m = ranges_m[np.isfinite(ranges_m) & (ranges_m >= last.range_min) & (ranges_m <= last.range_max)]
+    share = len(good_m) / max(len(ranges_m), 1)
     rate_hz = (len(scans) - 1) / span_s if span_s > 0 else 0.0
-    ranges = f", {min(nearest_m):.2f} to {max(farthest_m):.2f} m" if share > 0 else ""
+    ranges = f", {good_m.min():.2f} to {good_m.max():.2f} m" if share > 0 else ""
     summary = f"{rate_hz:.1f} Hz, {100 * share:.0f} % of rays return{ranges}"
     if share < FEWEST_RETURNS:
-        return Finding.bad(summary, "the lidar may be covered: uncover it")
+        return bad(summary, "the lidar may be covered: uncover it")
     if rate_hz < SLOWEST_SCAN_HZ and not by_clock(robot):
         remedy = f"less than {SLOWEST_SCAN_HZ:g} Hz arrive: a nearer access point, or run the game on the robot"
-        return Finding.bad(summary, remedy)
-    return Finding.ok(summary)
-
-
-def _lidar_remedy(robot: Observations) -> tuple[str, str]:
-    if SCANS.name in robot.unreadable:
-        return "read its driver's log", ""
-    if robot.get(DOCKED):
-        return "undock: a docked TurtleBot 4 stops it", ""
-    return "start its motor", f'ros2 service call {robot.full("start_motor")} std_srvs/srv/Empty "{{}}"'
+        return bad(summary, remedy)
+    return ok(summary)
 
 
 FRESH_S = 1.0  # age of a transform; the goal selector's pose_timeout_s
@@ -122,104 +101,86 @@ _ESTIMATE = 'give the initial pose: RViz, "2D Pose Estimate", click where it sta
 _CELLS = {None: "off the map", 100: "in a wall", -1: "where the map is unknown"}
 
 
-class Link(NamedTuple):
-    """Parent of a frame, and the monotonic time of the last reception, s (None if static)."""
-
-    parent: str
-    received_s: float | None
+Links = dict[str, tuple[str, float]]  # by frame: its parent, and the monotonic time of the last reception, s
 
 
-def _add_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
-    from pacman_env.ros.message_conversion import transform_of
-
+def _add_links(previous: Links | None, message: Any, arrival: CheckTime) -> Links:
     links = previous or {}
     for transform in message.transforms:
         parent, child, _ = transform_of(transform)
         child = child.lstrip("/")
         if child in links or len(links) < _FRAMES:
-            links[child] = Link(parent.lstrip("/"), arrival.monotonic_s)
+            links[child] = parent.lstrip("/"), arrival.monotonic_s
     return links
 
 
-def _add_static_links(previous: dict[str, Link] | None, message: Any, arrival: CheckTime) -> dict[str, Link]:
-    return {child: Link(parent, None) for child, (parent, _) in _add_links(previous, message, arrival).items()}
-
-
-GRID = Source("map", "nav_msgs/OccupancyGrid", newest(grid_of), "LATCHED")
-POSE = monitored("pose", "amcl_pose", "geometry_msgs/PoseWithCovarianceStamped")
-LINKS = Source("tf", "tf2_msgs/TFMessage", _add_links)
-STATIC_LINKS = Source("tf_static", "tf2_msgs/TFMessage", _add_static_links, "STATIC_TRANSFORMS")
+GRID = newest(topics.MAP, grid_of)
+POSE = newest(*MONITORED["pose"])
+LINKS = Source(topics.TF, _add_links)
+STATIC_LINKS = Source(topics.TF_STATIC, _add_links)
 
 
 def _check_map(robot: Observations) -> Finding:
     grid, game = robot.get(GRID), robot.map
     if grid is None:
-        remedy = "start localization with the game's map"
-        return robot.not_yet(robot.silence("map"), remedy, robot.start_localization)
+        return robot.not_yet(
+            robot.silence("map"), "start localization with the game's map", robot.launch("localization")
+        )
     rows, columns = grid.cells.shape
     summary = f"{columns} x {rows} cells of {grid.resolution:.3g} m"
     if game is None:
-        return Finding.unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
+        return unknown(f"{summary}; not compared", "name the game's: --map FILE_OR_NAME")
     wrong = map_differences(grid, game)
     if not wrong:
-        return Finding.ok(f"{summary}, {100 * differing_cells(grid, game):.1f} % differ from {game.name}")
+        return ok(f"{summary}, {100 * differing_cells(grid, game):.1f} % differ from {game.name}")
     remedy = "localization and game need one file: start one of them again with the other's"
-    command = "" if robot.virtual else robot.start_localization
-    return Finding.bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
+    command = "" if robot.virtual else robot.launch("localization")
+    return bad(f"not {game.name}: {'; '.join(wrong)}", remedy, command)
 
 
 def _check_pose(robot: Observations) -> Finding:
     stamped = robot.get(POSE)
     if stamped is None:
-        if not robot.real_nav2 or robot.full("amcl") in robot.nodes or robot.publishers_of("amcl_pose"):
-            return Finding.bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
+        if not robot.real_nav2 or robot.has("amcl") or robot.publishers_of("amcl_pose"):
+            return bad(f"{robot.silence('amcl_pose')}: no initial pose yet", _ESTIMATE, settled=False)
         remedy = "no amcl discovered either: start localization"
-        return robot.not_yet(robot.silence("amcl_pose"), remedy, robot.start_localization)
+        return robot.not_yet(robot.silence("amcl_pose"), remedy, robot.launch("localization"))
     (x, y, heading), stamp_ns = stamped
     clock = robot.get(CLOCK)
     now_s = clock.clock_s if clock is not None and by_clock(robot) else robot.now.wall_s
     age = f"{now_s - stamp_ns / 1e9:.1f} s old"  # AMCL is silent while the robot stands
     summary = f"({x:.2f}, {y:.2f}) m, {math.degrees(heading):.0f} degrees, {age}"
     if robot.map is None:
-        return Finding.ok(summary)
+        return ok(summary)
     column, row = (round(float(v)) for v in robot.map.world_to_cell(x, y))
     inside = 0 <= column < robot.map.width and 0 <= row < robot.map.height
     cell = int(robot.map.occupancy[row, column]) if inside else None
     if cell in _CELLS:
-        return Finding.bad(f"{summary}: {_CELLS[cell]}", f"wrong map, or {_ESTIMATE}")
-    return Finding.ok(f"{summary}, on free floor")
+        return bad(f"{summary}: {_CELLS[cell]}", f"wrong map, or {_ESTIMATE}")
+    return ok(f"{summary}, on free floor")
 
 
 def _check_base_tf(robot: Observations) -> Finding:
     frames, ages = _frames_up_to(robot, "base_link", "map")
+    child, problem = max(ages, key=lambda frame: ages[frame], default=""), ""
     if frames[-1] != "map":
-        summary = _no_parent(robot, LINKS, frames[-1])
-        return robot.not_yet(summary, *_transform_remedy(robot, frames[-1]))
-    chain, oldest = " > ".join(reversed(frames)), max(ages, key=lambda child: ages[child], default=None)
-    if oldest is None:
-        return Finding.ok(chain)
-    if ages[oldest] > FRESH_S:
-        parent = frames[frames.index(oldest) + 1]
-        summary = f"{parent} > {oldest} is {ages[oldest]:.1f} s old, more than {FRESH_S:g} s"
-        return robot.not_yet(summary, *_transform_remedy(robot, oldest, stale=True))
-    return Finding.ok(f"{chain}, {ages[oldest]:.2f} s old at most")
-
-
-def _transform_remedy(robot: Observations, child: str, stale: bool = False) -> tuple[str, str]:
-    if LINKS.name in robot.unavailable:
-        return robot.waiting_remedy(LINKS.name)
-    if child == "odom":
-        if stale:
-            return "AMCL publishes it with every scan: see lidar and dock", ""
-        return "AMCL publishes it when it has an initial pose and scans: see pose and lidar", ""
-    return "the base publishes it; on the robot", RESTART
+        child, problem = frames[-1], _no_parent(robot, LINKS, frames[-1])
+    elif ages and ages[child] > FRESH_S:
+        parent = frames[frames.index(child) + 1]
+        problem = f"{parent} > {child} is {ages[child]:.1f} s old, more than {FRESH_S:g} s"
+    if not problem:
+        return ok(" > ".join(reversed(frames)) + (f", {ages[child]:.2f} s old at most" if ages else ""))
+    if child != "odom":
+        return robot.not_yet(problem, "the base publishes it; on the robot", RESTART)
+    return robot.not_yet(problem, "AMCL publishes it when it has an initial pose and scans: see pose, lidar and dock")
 
 
 def _check_lidar_tf(robot: Observations) -> Finding:
-    scans = robot.get(SCANS)
-    frames, _ = _frames_up_to(robot, scans[-1].frame if scans else LIDAR_FRAME, "base_link")
+    scans = robot.get(STAMPS["scan"])
+    frame = scans[-1].message.header.frame_id.lstrip("/") if scans else LIDAR_FRAME
+    frames, _ = _frames_up_to(robot, frame, "base_link")
     if frames[-1] == "base_link":
-        return Finding.ok(" > ".join(reversed(frames)))
+        return ok(" > ".join(reversed(frames)))
     remedy = "the robot's description is not published; on the robot"
     return robot.not_yet(_no_parent(robot, STATIC_LINKS, frames[-1]), remedy, RESTART)
 
@@ -229,14 +190,13 @@ def _frames_up_to(robot: Observations, frame: str, top: str) -> tuple[list[str],
 
     Static links have no age.
     """
-    static, dynamic = robot.get(STATIC_LINKS), robot.get(LINKS)
-    links = {**(static or {}), **(dynamic or {})}
+    static, dynamic = robot.get(STATIC_LINKS) or {}, robot.get(LINKS) or {}
+    links = static | dynamic
     frames, ages = [frame], {}
     while frame != top and frame in links and len(frames) <= len(links):
-        parent, received_s = links[frame]
-        if received_s is not None:
-            ages[frame] = robot.now.monotonic_s - received_s
-        frame = parent
+        if frame in dynamic:
+            ages[frame] = robot.now.monotonic_s - dynamic[frame][1]
+        frame, _ = links[frame]
         frames.append(frame)
     return frames, ages
 
@@ -252,7 +212,7 @@ CHECKS = (
     Check("base's messages", "Does the base publish, as its lidar does?", _check_silence),
     Check("dock", "Is the robot off its dock?", _check_dock, (DOCKED,)),
     Check("battery", "Is the battery charged?", _check_battery, (CHARGE,)),
-    Check("lidar", "Does the lidar scan often enough, with nothing over it?", _check_lidar, (SCANS,)),
+    Check("lidar", "Does the lidar scan often enough, with nothing over it?", _check_lidar),
     Check("map", "Do localization and game use the same map?", _check_map, (GRID,)),
     Check("pose", "Is the robot localized, on free floor?", _check_pose, (POSE,)),
     Check("tf to base", "Are the transforms from map to base_link complete and recent?", _check_base_tf, _TF),

@@ -3,16 +3,15 @@
 import contextlib
 import json
 import os
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pacman_env.files import user_folder
+from pacman_env.ros.node import parameter
 
-from ..node import parameter
-from ..surroundings import current
-
-_FORMAT = 3
+_FORMAT = 4
 _LARGEST = 1_000_000  # bytes
 
 
@@ -25,17 +24,13 @@ class StateFile:
     def __init__(self, path: Path | None, max_age_s: float, owner: Mapping[str, Any]) -> None:
         self.path = path
         self._max_age_s, self._owner = max_age_s, dict(owner)
-        self._time_ns = current().time_ns
 
     @classmethod
-    def of_node(cls, node: Any, text: str, max_age_s: float, ending: str = "") -> "StateFile":
-        """Declare the parameter ``state_file`` of a node, described by ``text``, and return the file that it selects.
-
-        The name of the automatic file ends with ``ending``.
-        """
+    def of_node(cls, node: Any, text: str, max_age_s: float) -> "StateFile":
+        """Declare the parameter ``state_file`` of a node, described by ``text``, and return the selected file."""
         setting = parameter(node, "state_file", "auto", f"{text}; auto: in the user's state folder; empty: none")
         domain, namespace = os.environ.get("ROS_DOMAIN_ID") or "0", node.get_namespace()
-        name = f"{namespace.strip('/').replace('/', '-') or 'root'}-{domain}{ending}.json"
+        name = f"{node.get_name()}-{namespace.strip('/').replace('/', '-') or 'root'}-{domain}.json"
         path = user_folder("state") / name if setting == "auto" else Path(setting) if setting else None
         simulated = bool(node.get_parameter("use_sim_time").value)
         return cls(path, max_age_s, {"namespace": namespace, "domain": domain, "simulated": simulated})
@@ -63,13 +58,13 @@ class StateFile:
             raise ValueError("damaged, or something else") from None
         if not is_current:
             raise ValueError("of another version")
-        return state if owner == self._owner and abs(self._time_ns() * 1e-9 - written_s) <= self._max_age_s else None
+        return state if owner == self._owner and abs(time.time_ns() * 1e-9 - written_s) <= self._max_age_s else None
 
     def save(self, state: Any) -> None:
         """Write ``state`` (plain values) to the file; after an OSError the file may still contain the old state."""
         if self.path is None:
             return
-        whole = {"format": _FORMAT, "written_s": self._time_ns() * 1e-9, "owner": self._owner, "state": state}
+        whole = {"format": _FORMAT, "written_s": time.time_ns() * 1e-9, "owner": self._owner, "state": state}
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_name(f".{self.path.name}.tmp")  # a fixed name: a kill leaves at most one such file
         temporary.write_text(json.dumps(whole))

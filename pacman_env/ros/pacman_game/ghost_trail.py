@@ -10,9 +10,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import topics
-from ..message_conversion import Position
-from ..node import GameNode
+from pacman_env.ros import topics
+from pacman_env.ros.configured_node import ConfiguredNode
+from pacman_env.ros.message_conversion import Position
 
 _APART_M = 0.04  # distance of lattice points: they hit every cell of 0.06 m at any heading
 _RADIUS_M = 0.2  # obstacle of 0.05 m plus 0.15 m for a jump of AMCL in the meantime
@@ -44,7 +44,7 @@ class CostmapClearing:
     ``interval_s`` is the shortest time between two requests while ghosts move; 0 for none.
     """
 
-    def __init__(self, node: GameNode, interval_s: float, places: Sequence[Position]) -> None:
+    def __init__(self, node: ConfiguredNode, interval_s: float, places: Sequence[Position]) -> None:
         self._node, self._interval_s, self._places = node, interval_s, places
         self._client = topics.CLEAR_GLOBAL_COSTMAP.client(node)
         self._requested_s, self._answer = -math.inf, None

@@ -1,0 +1,164 @@
+"""The game of a robot: referee, pellets, ghosts and goal selector, which call each other; topics only show it.
+
+There are two kinds of goal selectors: ours, which is called and calls back, and somebody else's, which hears the topics
+and reports on them.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from std_msgs.msg import Float64MultiArray
+
+from pacman_env.config import Config
+from pacman_env.game.pellets import generate_pellets
+from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.game.round import Action, RoundController
+from pacman_env.levels.assets import map_assets
+from pacman_env.ros import topics
+from pacman_env.ros.configured_node import ConfiguredNode
+from pacman_env.ros.message_conversion import markers_of
+from pacman_env.ros.pacman_game.foreign_selector import ForeignSelector
+from pacman_env.ros.pacman_game.ghosts import GameGhosts
+from pacman_env.ros.selector.goal_selector import GameSide, GoalSelector
+
+_TOPICS = {
+    "command": topics.GAME_COMMAND,
+    "event": topics.GAME_EVENT,
+    "state": topics.GAME_STATE,
+    "result": topics.GAME_RESULT,
+    "score": topics.SCORE,
+    "round": topics.ROUND,
+    "spawned": topics.PELLETS_SPAWNED,
+    "collected": topics.PELLETS_COLLECTED,
+    "clyde_speed": topics.CLYDE_SPEED,
+}
+_WITH_POWER = {"ghosts_caught": topics.GHOSTS_CAUGHT}
+
+Selector = GoalSelector | ForeignSelector
+
+
+class RobotGame:
+    """The game; ``select`` makes the goal selector, and ``save`` is called after each event, before it is shown."""
+
+    def __init__(
+        self,
+        node: ConfiguredNode,
+        config: Config,
+        ghosts: GameGhosts,
+        select: Callable[[GameSide], Selector],
+        save: Callable[[], None],
+    ) -> None:
+        self._node, self.ghosts, self._save = node, ghosts, save
+        assets = map_assets(node.map, config)
+        pellets = generate_pellets(node.map, config.pellets)
+        self._pellets = {int(i): (float(x), float(y)) for i, (x, y) in zip(pellets.ids, pellets.position, strict=True)}
+        power = assets.pellet_ids[assets.power_pellets(config.power.pellets)[: assets.pellets]]  # only within reach
+        self.referee = RoundController(config.clyde, config.show, config.power)
+        self.referee.lay_out(self._pellets, power.tolist())
+        published = _TOPICS | (_WITH_POWER if config.power.pellets > 0 else {})
+        self._out = {kind: topic.publisher(node) for kind, topic in published.items()}
+        self._markers = topics.PELLET_MARKERS.publisher(node)
+        self._harmless = topics.HARMLESS_GHOSTS.publisher(node) if config.power.pellets > 0 else None
+        self.selector = select(self)
+        reports = (topics.GAME_STATUS, topics.REMOVE_PELLET) if isinstance(self.selector, GoalSelector) else ()
+        self._reports = {topic.name: topic.publisher(node) for topic in reports}
+
+    # What a goal selector says
+
+    def status(self, word: str) -> None:
+        self._report(topics.GAME_STATUS, word)
+        self.perform(self.referee.status(word, self._node.now_s()))
+
+    def event(self, word: str) -> None:
+        self.perform([Action("event", word)])
+
+    def remove(self, pellet: int) -> None:
+        self._report(topics.REMOVE_PELLET, pellet)
+        self.perform(self.referee.remove(pellet))
+
+    def _report(self, topic: topics.Topic, value: Any) -> None:
+        if topic.name in self._reports:  # otherwise the foreign selector has published it
+            self._reports[topic.name].publish(topic.type(data=value))
+
+    # What the referee does
+
+    def perform(self, actions: Sequence[Action]) -> None:
+        """Save the game, then perform the referee's actions in order."""
+        if any(action.kind != "ignored" for action in actions):
+            self._save()
+        for action in actions:
+            kind, value = action.kind, action.value
+            if kind == "ignored":
+                self._node.once.warning(f"ignored in state {self.referee.state}", str(value))
+            elif kind == "pellets":
+                self.show_pellets()
+            elif kind == "reset_clyde":
+                self.ghosts.respawn()
+            else:
+                out = self._out[kind]
+                out.publish(out.msg_type(data=value))
+                self._tell(kind, value)
+
+    def _tell(self, kind: str, value: Any) -> None:
+        """Tell the goal selector and the ghosts what concerns them."""
+        if kind == "command":
+            self.selector.on_command(value)
+        elif kind == "state":
+            self.ghosts.on_state(value)
+            self.selector.on_state(value)
+        elif kind == "round":
+            self.selector.on_round(value)
+        elif kind == "clyde_speed":
+            self.ghosts.set_speed(value)
+            self.selector.on_clyde_speed(value)
+
+    def show_pellets(self) -> None:
+        """Show the remaining pellets, on the map and to those who decide."""
+        left = {number: place for number, place in self._pellets.items() if number in self.referee.left}
+        power = self.referee.power_pellets
+        self._markers.publish(markers_of(left, self._node.get_clock().now().to_msg(), power=power))
+        self.selector.on_pellets(left, power)
+        self.ghosts.set_pellets(left, power)
+
+    # Time
+
+    def move_ghosts(self) -> None:
+        self.ghosts.update()
+        self.selector.see_ghosts(self.ghosts.places, self._node.get_clock().now().nanoseconds)
+
+    def decide(self) -> None:
+        """Let our goal selector decide; the ghosts learn until when they are harmless."""
+        if not isinstance(self.selector, GoalSelector):
+            return
+        self.selector.tick()
+        if self._harmless is not None:
+            times = self.selector.executor.round.ghosts[: len(self.ghosts.places), HARMLESS_UNTIL:]
+            if (times != self.ghosts.harmless).any():
+                self.ghosts.set_harmless(times.copy())
+                self._harmless.publish(Float64MultiArray(data=times.ravel().tolist()))
+                self._save()
+
+    # Crashes
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return everything that ``restore`` needs, as JSON values."""
+        return {
+            "referee": self.referee.snapshot(self._node.now_s()),
+            "selector": self.selector.snapshot(),
+            "ghosts": [list(place) for place in self.ghosts.places],
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Resume the game of an earlier process; raises an exception for something else."""
+        actions = self.referee.restore(saved["referee"], self._node.now_s())
+        self.ghosts.restore(saved["ghosts"])
+        self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
+        self.perform(actions)
+        self.show_pellets()
+
+    def close(self) -> tuple[Any, ...]:
+        """End the game: stop the robot, switch lights off, hide the ghosts; return what to wait for."""
+        for kind, value in (("command", "disable"), ("event", "reset"), ("state", "menu")):
+            self._out[kind].publish(self._out[kind].msg_type(data=value))
+        self.ghosts.hide()
+        return self.selector.close()

@@ -1,0 +1,160 @@
+"""Node ``goal_selector``: plays with any registered policy in somebody else's game, such as the original's.
+
+It replaces the original's ``planner_stub`` on the topics of the original's documentation. In a game of our own the goal
+selector is part of ``pacman_game``; as a shadow this node then shows what another policy would do.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
+
+from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
+from std_msgs.msg import Float64MultiArray, Int32, String
+
+from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.game.power import HARMLESS_UNTIL
+from pacman_env.ros import message_conversion as messages
+from pacman_env.ros import topics
+from pacman_env.ros.configured_node import ConfiguredNode
+from pacman_env.ros.node import parameter
+from pacman_env.ros.operator_stop import OperatorStop
+from pacman_env.ros.process import run
+from pacman_env.ros.rclpy_private import destroy_state_machine
+from pacman_env.ros.selector.asked_policy import AskedPolicy
+from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
+from pacman_env.ros.selector.ghost_watch import GhostWatch
+from pacman_env.ros.selector.goal_selector import GoalSelector, declare_home
+from pacman_env.ros.selector.navigation_client import NavigationClient
+from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
+from pacman_env.ros.selector.pose_topics import declare_limits
+from pacman_env.ros.selector.reasons import GHOST_LOST
+from pacman_env.ros.selector.shadow import LoggedGame, Shadow
+
+NAME = "goal_selector"
+_LOST_GOALS_S = 2.0  # between checks for goals whose result was lost
+
+
+class PublishedReports:
+    """The game of somebody else, which hears reports on topics."""
+
+    def __init__(self, node: ConfiguredNode) -> None:
+        self._status, self._event = topics.GAME_STATUS.publisher(node), topics.GAME_EVENT.publisher(node)
+        self._remove = topics.REMOVE_PELLET.publisher(node)
+
+    def status(self, word: str) -> None:
+        self._status.publish(String(data=word))
+
+    def event(self, word: str) -> None:
+        self._event.publish(String(data=word))
+
+    def remove(self, pellet: int) -> None:
+        self._remove.publish(Int32(data=pellet))
+
+
+class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
+    """Lifecycle node that activates itself unless ``autostart`` is false; ``ask`` makes the policy's process."""
+
+    def __init__(self, ask: Callable[..., PolicyProcess] = PolicyProcess, **options: Any) -> None:
+        ConfiguredNode.__init__(self, NAME, with_map=True, **options)
+        LifecycleNodeMixin.__init__(self)
+        home, limits = declare_home(self), declare_limits(self)
+        autostart = parameter(self, "autostart", True, "activate at the start")
+        self._policy = AskedPolicy(self, ask, lambda answer: self.selector.on_answer(answer), self._against_change)
+        game = LoggedGame(self) if self._shadows else PublishedReports(self)
+        navigate = Shadow if self._shadows else NavigationClient
+        self.selector = selector = GoalSelector(self, self.config, game, home, limits, navigate)
+        selector.policy = self._policy
+        self._ghosts = GhostWatch()
+        self._operator = None if self._shadows else OperatorStop(self, selector.stop)
+        self._harmless = None
+        if self.config.power.pellets > 0 and not self._shadows:
+            self._harmless = topics.HARMLESS_GHOSTS.publisher(self)
+        for topic, handle in self._handlers():
+            self.listen(topic, handle, f"bad {topic.name}")
+        topics.CONTINUE.server(self, selector.on_continue)
+        Diagnostics(self, self._condition)
+        self._policy.wait()
+        self._tick_timer = self.create_timer(self.config.execution.tick_s, self._tick)
+        self._tick_timer.cancel()
+        self.create_timer(_LOST_GOALS_S, selector.nav2.end_without_results)
+        if autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def acts(self) -> bool:
+        self._shadows = parameter(self, "shadow", False, "decide and log while another planner drives; send nothing")
+        return not self._shadows
+
+    def destroy_node(self) -> None:
+        """Destroy the node and its state machine."""
+        super().destroy_node()
+        destroy_state_machine(self)
+
+    def _handlers(self) -> Iterable[tuple[topics.Topic, Callable[[Any], object]]]:
+        selector, number_of = self.selector, messages.number_of
+        yield topics.GAME_STATE, lambda message: selector.on_state(messages.word_of(message, topics.STATE_WORDS))
+        yield topics.GAME_COMMAND, lambda message: selector.on_command(messages.word_of(message, topics.COMMAND_WORDS))
+        yield topics.AMCL_POSE, selector.pose.on_amcl
+        yield topics.PELLET_MARKERS, self._on_pellets
+        yield topics.ROUND, lambda message: selector.on_round(int(number_of(message, 1, 2**31 - 1)))
+        played = selector.executor.round
+        yield topics.GHOSTS_CAUGHT, lambda message: played.caught_before(int(number_of(message, 0, 2**31 - 1)))
+        yield topics.CLYDE_SPEED, lambda message: selector.on_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS))
+        for k in range(len(self.config.clyde.ghosts)):
+            yield topics.GHOST_POSES[k], partial(self._on_ghost, k)
+
+    def _on_pellets(self, message: Any) -> None:
+        self.selector.on_pellets(messages.pellets_of(message), messages.power_pellets_of(message))
+
+    def _on_ghost(self, number: int, message: Any) -> None:
+        (x, y, _), now = messages.pose_of(message), self.now_s()
+        self._ghosts.see(number, now)
+        self.selector.view.see_ghost(number, x, y, messages.nanoseconds_of(message.header.stamp) or int(now * 1e9))
+
+    def _tick(self) -> None:
+        playing = self.selector.executor.playing
+        self.selector.hold(GHOST_LOST, self._ghosts.lost(self.now_s()) if playing else "")
+        self.selector.tick()
+        self._policy.asked()
+        if self._harmless is not None:
+            ghosts = self.selector.executor.round.ghosts[: len(self.config.clyde.ghosts), HARMLESS_UNTIL:]
+            self._harmless.publish(Float64MultiArray(data=ghosts.ravel().tolist()))
+
+    def on_activate(self, state: Any) -> TransitionCallbackReturn:
+        self.selector.activate(True)
+        self._tick_timer.reset()
+        self.get_logger().info(f"policy {self._policy.spec}{', a shadow: nothing is sent' if self._shadows else ''}")
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: Any) -> TransitionCallbackReturn:
+        self._tick_timer.cancel()
+        self.selector.activate(False)
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
+        self.selector.activate(False)
+        return super().on_shutdown(state)
+
+    def _against_change(self) -> str:
+        state = self.selector.executor.game_state
+        return "" if state in ("menu", None) else f"the game is in state {state!r}, not menu"
+
+    def _condition(self) -> dict[str, Any]:
+        stopped = self._operator is not None and self._operator.stopped
+        condition = selector_condition(self.selector, self._policy, self.now_s())
+        return {"shadow": self._shadows, "stopped": stopped, **condition}
+
+    def last_messages(self) -> Iterable[Any]:
+        self._policy.close()
+        return self.selector.close()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    if argv is None:  # otherwise this process may have threads already
+        fork_spare()
+    return run(GoalSelectorNode, NAME, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
