@@ -27,7 +27,6 @@ LONGEST = (
     *("clients/test_scripts.py", "envs/test_contract.py", "system/test_memory.py", "web/test_page_accessible.py"),
     *("envs/test_judges.py", "engine/test_threads.py", "web/test_simulated.py"),
     *("training/test_train.py", "evaluation/compare/test_html_page.py", "browser_game/test_rounds.py"),
-    "system/test_kills.py",
 )
 
 

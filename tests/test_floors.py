@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from pacman_env.ros.game_nodes import NODES, module_of
-
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "pacman_env"
 FLOORS = (
@@ -114,8 +112,6 @@ def used_modules(path: Path) -> set[str]:
     if "import_module(" in path.read_text():
         texts = [node.value for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Constant)]
         found |= {text.removeprefix("pacman_env.") for text in texts if isinstance(text, str)} & NAMES
-        if module_name(path) == "ros.node_classes":
-            found |= {module_of(node).removeprefix("pacman_env.") for node in NODES}
     return {resolved(name) for name in found} - {"", module_name(path)}
 
 
@@ -196,7 +192,6 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
         "cli.main",  # commands
         "evaluation.rounds.scenarios",  # a checkpoint of training
         "plugins",
-        "ros.node_classes",  # the nodes of the table of processes
         "ros.topics",  # message types
         "levels.levels_ahead",  # filelock
     }
@@ -213,7 +208,7 @@ def test_modules_are_imported_by_name_only_where_listed() -> None:
             "import pacman_env; [getattr(pacman_env, name) for name in pacman_env.__all__]",
             *("", "torch stable_baselines3 matplotlib pygame rclpy starlette"),
         ),
-        ("import pacman_env.ros.supervisor.prepare_game", "", "rclpy torch"),  # for `warm-up --robot` without ROS
+        ("import pacman_env.ros.selector.policy_child", "", "rclpy torch"),  # for `warm-up --robot` without ROS
     ],
 )
 def test_import_loads_no_unneeded_library(code: str, said: str, unneeded: str) -> None:

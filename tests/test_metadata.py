@@ -55,7 +55,8 @@ def test_workflows_pin_actions_and_run_every_python(workflow: Path) -> None:
     assert content["permissions"] == {"contents": "read"}
     assert text.count("persist-credentials: false") == text.count("actions/checkout@")
     matrices = [job["strategy"]["matrix"] for job in content["jobs"].values() if "strategy" in job]
-    assert [matrix["python"] for matrix in matrices] == [PYTHONS] * (workflow.stem in ("tests", "release"))
+    pythons = [matrix["python"] for matrix in matrices if "python" in matrix]
+    assert pythons == [PYTHONS] * (workflow.stem in ("tests", "release"))
 
 
 def card() -> dict[str, str]:

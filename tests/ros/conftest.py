@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tests.ros.system import Probe, System
 
 NEEDED = ("rclpy", "irobot_create_msgs", "nav2_msgs")
-WITHOUT_ROS = ("test_sim_faults.py", "test_checks.py", "test_game_lock.py", "test_processes.py", "test_launch.py")
+WITHOUT_ROS = ("test_sim_faults.py", "test_game_lock.py", "test_processes.py", "test_launch.py")
 ABSENT = [name for name in NEEDED if find_spec(name) is None]
 if "rclpy" in ABSENT and os.environ.get("CI"):
     raise RuntimeError("rclpy is absent: in CI the tests with ROS must run")
@@ -50,7 +50,7 @@ def probe(system: System) -> Iterator[Probe]:
 
 @pytest.fixture
 def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
-    """A lock-step session, to which the test adds nodes."""
+    """A session, to which the test adds nodes."""
     from tests.ros import session
 
     with session.nodes(tmp_path) as nodes:

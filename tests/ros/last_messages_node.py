@@ -8,7 +8,8 @@ from typing import Any
 from std_msgs.msg import String
 
 from pacman_env.ros import topics
-from pacman_env.ros.node import BaseNode, parameter, run
+from pacman_env.ros.node import BaseNode, parameter
+from pacman_env.ros.process import run
 
 
 class LastMessagesNode(BaseNode):

@@ -16,8 +16,8 @@ _WORDS = {tuple(frequency_hz(note) for note, _ in sound.melody): word for word, 
 class Loudspeaker(BaseNode):
     """Accepts every melody; one is over when ``finish`` is called."""
 
-    def __init__(self) -> None:
-        super().__init__(NAME)
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
         self.played: list[str] = []  # by word, in order
         self.goals: list[Any] = []
         self.refuse = False

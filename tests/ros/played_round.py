@@ -1,4 +1,4 @@
-"""A round of a whole game in lock-step, with faults of the simulated robot, and what the goal selector reports."""
+"""A round of a whole game, with faults of the simulated robot, and what the goal selector reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Messages as a test has received them: what sessions in lock-step, probes of processes and recordings share."""
+"""Messages as a test has received them: what sessions, probes of processes and recordings share."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,6 +23,8 @@ class Recorded:
 class Records:
     """What was recorded, in the order of arrival."""
 
+    now_s: float  # time by which messages are recorded
+
     def __init__(self) -> None:
         self.records: list[Recorded] = []  # of all recorded topics
         self._by_topic: dict[str, list[Recorded]] = {}  # the same
@@ -38,12 +40,9 @@ class Records:
         for topic in wanted:
             if topic.name not in self._by_topic:
                 self._by_topic[topic.name] = []
-                self._subscribe(topic, lambda message, name=topic.name: self.add(Recorded(self._now(), name, message)))
+                self.subscribe(topic, lambda message, name=topic.name: self.add(Recorded(self.now_s, name, message)))
 
-    def _subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
-        raise NotImplementedError
-
-    def _now(self) -> float:
+    def subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
         raise NotImplementedError
 
     def on(self, *wanted: Topic) -> list[Recorded]:

@@ -1,4 +1,4 @@
-"""The goal selector's game in lock-step: everything around the node, Nav2 among it, answers as the test says."""
+"""The goal selector's game: everything around the node, Nav2 among it, answers as the test says."""
 
 from __future__ import annotations
 
@@ -81,18 +81,17 @@ class Game:
         return dict(self.session.node(SELECTOR).once.counts)
 
     def start_nav2(self, *script: str) -> ScriptedNav2:
-        member = self.session.start(scripted_nav2.NAME, lambda: ScriptedNav2(*script))
-        self.nav2 = member.node  # type: ignore[assignment]
+        self.nav2 = self.session.start(scripted_nav2.NAME, lambda **options: ScriptedNav2(*script, **options))
         return self.nav2
 
     def end_nav2(self) -> None:
         self.session.kill(scripted_nav2.NAME)
 
     def let_in(self) -> None:
-        self.session.within(self.nav2.let_in, self.nav2)
+        self.session.within(self.nav2.let_in)
 
     def abort(self, goal: Goal, error: int = 208) -> None:
-        self.session.within(lambda: self.nav2.abort(goal, error), self.nav2)
+        self.session.within(lambda: self.nav2.abort(goal, error))
 
     # What the others publish
 

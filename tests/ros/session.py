@@ -1,227 +1,245 @@
-"""Nodes of the test's own process in lock-step, and a node beside them that records and publishes.
+"""Nodes of the test's own process, stepped by hand, and a node beside them that records and publishes.
 
-What happens in such a session is decided by its seed and by the test alone. Nothing waits in real time.
+Fast DDS delivers a message within ``publish`` to nodes of the same process, and the executor handles messages in the
+order of their arrival. Time advances only when all are handled: one seed gives one sequence of messages. Timers on the
+wall clock alone are due in real time.
 """
 
 import gc
+import importlib
 import json
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
+from unittest.mock import patch
 
-import rclpy.node
-from rcl_interfaces.msg import Log
-from rclpy.qos import QoSProfile
-from rosgraph_msgs.msg import Clock
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from rclpy.time import Time
+from rclpy.timer import Timer
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import REFEREE, SELECTOR, GameSetup
-from pacman_env.ros.lock_step.lock_step_game import LockStepGame
-from pacman_env.ros.lock_step.members import Delivery, Member
-from pacman_env.ros.lock_step.stepper import LockStep
+from pacman_env.ros.game_nodes import GAME, LISTENERS, QUIET, SELECTOR, SHADOW, SIMULATOR, GameSetup, module_of
 from pacman_env.ros.node import BaseNode
-from pacman_env.ros.node_classes import node_class
-from tests.ros.lock_step.losses import depth_of
+from pacman_env.ros.process import LAST_MESSAGES_S
+from tests.ros.direct_policy import DirectPolicy
 from tests.ros.records import Records
+from tests.waiting import PATIENCE_S
 
 NAMESPACE = "/robot_15"
+STEP_NS = 50_000_000
+LOG = topics.Topic("/rosout", "rcl_interfaces/Log", topics.REPORTS)
+#: Latched, and subscribed to after everything else: the middleware sends latched messages in order of subscription.
+LAST = topics.Topic("last_of_all", "std_msgs/String", topics.LATCHED)
 T = TypeVar("T")
 S = TypeVar("S", bound="Session")
 
 
-class Observer(BaseNode):
-    """The test's node."""
-
-    def __init__(self) -> None:
-        super().__init__("observer")
-
-
-class TimeNode(BaseNode):
-    """Publishes the simulated time in the place of a simulated robot."""
-
-    def __init__(self) -> None:
-        super().__init__("time_node")
-        self._clock = topics.CLOCK.publisher(self)
-        self._steps = 20_000  # 1000 s: a stamp of zero means "no time"
-
-    def set(self, seconds: int) -> None:
-        """The clock is set to so many seconds; the next step goes on from there."""
-        self._steps = 20 * seconds
-
-    def step(self) -> None:
-        self._steps += 1
-        seconds, rest = divmod(self._steps, 20)
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = seconds, rest * 50_000_000
-        self._clock.publish(message)
-
-
 class Session(Records):
-    """A lock-step game, or some of its nodes, and the observer; the nodes keep their files in ``folder``."""
+    """Nodes and the observer, which share one thread; the nodes keep their files in ``folder``.
 
-    def __init__(self, game: LockStep, folder: Path) -> None:
+    Without a simulated robot, the observer publishes the time.
+    """
+
+    def __init__(self, folder: Path, seed: int = 0, alone: bool = True) -> None:
         super().__init__()
-        self.game, self.folder = game, folder
+        self.folder, self.seed = folder, seed
+        self.setup: GameSetup | None = None  # of a whole game
+        self.now_s = 0.0  # simulated time since the session began
+        self.clock_ns, self.clock_runs = 1000 * 10**9, True  # of the observer; a stamp of zero means "no time"
+        self.nodes: dict[str, Any] = {}
+        self.timers: list[tuple[BaseNode, Timer]] = []
+        self.late: set[str] = set()  # nodes whose timers are not called
         self._publishers: dict[str, Any] = {}
-        self._inboxes: dict[Member, list[Delivery]] = {}  # of frozen nodes
-        self.observer: Observer = game.add(Observer, self._arguments()).node
-        options = {"use_global_arguments": False, "enable_rosout": False, "start_parameter_services": False}
-        # It is no member: lines of a log have the wall's time.
-        self._log_reader = rclpy.node.Node("log_reader", context=game.context, **options)
-        self._log = self._log_reader.create_subscription(Log, "/rosout", lambda line: None, QoSProfile(depth=5000))
-        self._errors: list[str] = []
+        self._clients: dict[str, Any] = {}
+        self._log: list[Any] = []
+        self.context, signals = rclpy.Context(), SignalHandlerOptions.NO
+        # With OFF, the nodes discover only each other.
+        with patch.dict(os.environ, {"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"} if alone else {}):
+            rclpy.init(args=["--ros-args", *QUIET], context=self.context, signal_handler_options=signals)
+        self._executor = EventsExecutor(context=self.context)
+        self.observer = self.add_node(partial(BaseNode, "observer"))
+        LAST.publisher(self.observer).publish(LAST.type())
+        LOG.subscription(self.observer, self._log.append)
 
-    def _arguments(self, **parameters: Any) -> list[str]:
-        words = ["--ros-args", "-r", f"__ns:={NAMESPACE}"]
-        for name, value in {"use_sim_time": True, **parameters}.items():
-            words += ["-p", f"{name}:={json.dumps(value) if not isinstance(value, Path) else value}"]
-        return words
+    def close(self) -> None:
+        """End all nodes without their last messages."""
+        if self.context.ok():
+            for node in self.nodes.values():
+                node.destroy_node()
+            self._executor.shutdown()
+            self.context.try_shutdown()
 
-    # Nodes
-
-    def start(self, name: str, make: Callable[[], BaseNode] | None = None, **parameters: Any) -> Member:
+    def start(self, name: str, make: Callable[..., BaseNode] | None = None, **parameters: Any) -> Any:
         """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
-        if name in (REFEREE, SELECTOR):
-            parameters = {"state_file": str(self.folder / f"{name}.json"), **parameters}
-        member = self.game.add(make or node_class(name), self._arguments(**parameters))
-        self.game.step()
-        return member
+        setup = None if make else self.setup
+        defaults: dict[str, Any] = {"seed": self.seed} if name in (SIMULATOR, GAME) else {}
+        if name == GAME:
+            defaults["state_file"] = str(self.folder / f"{name}.json")
+        names = []
+        if setup is not None:
+            defaults |= setup.parameters(name)
+            names = [*setup.remappings(name), *([("__node", SHADOW)] if name == SHADOW else [])]
+        node = self.add_node(make or node_class(name), names, **{**defaults, **parameters})
+        self.step()
+        return node
 
-    def member(self, name: str) -> Member:
-        """The node of that name as the game has it, to be frozen, say."""
-        member = self.game.member(name)
-        assert member is not None, f"{name} is not there"
-        return member
+    def add_node(self, make: Callable[..., BaseNode], names: Sequence[tuple[str, str]] = (), **parameters: Any) -> Any:
+        """Make a node with other ``names`` and parameters; return it when it has handled everything latched."""
+        words = ["--ros-args"]
+        for old, new in (("__ns", NAMESPACE), *names):
+            words += ["-r", f"{old}:={new}"]
+        for name, value in {"use_sim_time": True, **parameters}.items():
+            words += ["-p", f"{name}:={value if isinstance(value, Path) else json.dumps(value)}"]
+        node: Any = make(context=self.context, cli_args=words, use_global_arguments=False)
+        if self.nodes:
+            self._await_latched()
+        self.nodes[node.get_name()] = node
+        self._executor.add_node(node)
+        self.drain()
+        return node
+
+    def _await_latched(self) -> None:
+        """Wait until the latched messages for all subscriptions have arrived."""
+        arrived = Future()
+        last = LAST.subscription(self.observer, arrived.set_result)
+        self._executor.spin_until_future_complete(arrived, PATIENCE_S)
+        self.observer.destroy_subscription(last)
+        assert arrived.done(), "latched messages have not arrived"
 
     def node(self, name: str) -> Any:
-        return self.member(name).node
+        return self.nodes[name]
 
     def stop(self, name: str) -> None:
         """End a node as a signal does: with its last messages."""
-        self.game.remove(self.member(name))
+        node = self.nodes.pop(name)
+        answers = [] if node.silent else list(node.last_messages())
+        self.drain()
+        self.until(lambda: all(answer.done() for answer in answers), LAST_MESSAGES_S)
+        node.once.summary()
+        self._end(node)
 
     def kill(self, name: str) -> None:
         """End a node without its last messages."""
-        self.game.remove(self.member(name), last_messages=False)
+        self._end(self.nodes.pop(name))
 
-    def freeze(self, member: Member) -> None:
-        """Stop running the node; its messages wait, as many as its queues hold."""
-        put, inbox = self.game.messages.put, self._inboxes.setdefault(member, [])
+    def _end(self, node: BaseNode) -> None:
+        self.timers = [one for one in self.timers if one[0] is not node]
+        self._executor.remove_node(node)
+        node.destroy_node()
+        self.drain()
 
-        def keep(delivery: Delivery) -> None:
-            if delivery.member is not member or member not in self._inboxes:
-                put(delivery)
-                return
-            inbox.append(delivery)
-            waiting = [one for one in inbox if one.entity is delivery.entity]
-            if len(waiting) > depth_of(delivery):
-                inbox.remove(waiting[0])
-
-        setattr(self.game.messages, "put", keep)  # noqa: B010
-        member.present = False
-
-    def thaw(self, member: Member, *, drop: bool = False) -> None:
-        """Run a frozen node again, and drop its waiting messages if ``drop``."""
-        inbox = self._inboxes.pop(member)
-        member.present = True
-        self.game.messages.queue.extend([] if drop else inbox)
-
-    # What nodes publish
-
-    def _subscribe(self, topic: topics.Topic, receive: Callable[[Any], None]) -> None:
-        self.game.subscribe(self.observer, partial(topic.subscription, self.observer, receive))
-
-    def _now(self) -> float:
-        return self.now_s
+    def subscribe(self, topic: topics.Topic, receive: Callable[[Any], None]) -> None:
+        topic.subscription(self.observer, receive)
+        self._await_latched()
+        self.drain()
 
     def errors(self) -> list[str]:
-        """What nodes have logged as errors since the session began."""
-        with self._log.handle:
-            while (taken := self._log.handle.take_message(Log, False)) is not None:
-                if taken[0].level >= Log.ERROR:
-                    self._errors.append(f"{taken[0].name}: {taken[0].msg}")
-        return self._errors
-
-    # What the test does
+        """Return what nodes have logged as errors since the session began."""
+        self.drain()
+        return [f"{line.name}: {line.msg}" for line in self._log if line.level >= line.ERROR]
 
     def publish(self, topic: topics.Topic, message: Any) -> None:
         """Publish, and have everything handled that follows; a plain value becomes the ``data`` of a message."""
-        self.announce(topic)
+        if topic.name not in self._publishers:
+            self._publishers[topic.name] = topic.publisher(self.observer)
         if not hasattr(message, "get_fields_and_field_types"):
             message = topic.type(data=message)
         self.within(lambda: self._publishers[topic.name].publish(message))
 
-    def announce(self, topic: topics.Topic) -> None:
-        """Have a publisher of a topic, as others can discover."""
-        if topic.name not in self._publishers:
-            self._publishers[topic.name] = topic.publisher(self.observer)
-
     def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
-        client = service.client(self.observer)
-        answer = self.within(lambda: client.call_async(service.type.Request() if request is None else request))
+        if service.name not in self._clients:
+            self._clients[service.name] = service.client(self.observer)
+        asked = service.type.Request() if request is None else request
+        answer = self.within(lambda: self._clients[service.name].call_async(asked))
         self.wait_for(answer.done, limit_s, f"the answer of {service.name}")
-        self.observer.destroy_client(client)
         return answer.result()
 
-    def serve(self, *services: topics.Service) -> list[str]:
-        """Answer services with success; the names in the order in which they are called."""
-        called: list[str] = []
-        for service in services:
+    def within(self, do: Callable[[], T]) -> T:
+        """Do something, and have everything handled that follows."""
+        result = do()
+        self.drain()
+        return result
 
-            def answer(request: Any, response: Any, name: str = service.name) -> Any:
-                called.append(name)
-                response.success = True
-                return response
+    def drain(self) -> None:
+        """Have all messages handled, also those that follow from them; a node with a status ends."""
+        self._executor.spin_until_future_complete(Future(), 0.0)
+        for name in [name for name, node in self.nodes.items() if node.status is not None]:
+            self.stop(name)
 
-            service.server(self.observer, answer)
-        return called
+    def step(self) -> None:
+        """Advance time by one step of the simulated robot, if there is one, and have everything handled."""
+        robot = self.nodes.get(SIMULATOR)
+        self.now_s += (STEP_NS if robot is None else robot.step_ns) * 1e-9
+        if robot is not None:
+            self.within(robot.step)
+        elif self.clock_runs:
+            self.clock_ns += STEP_NS
+            self.publish(topics.CLOCK, topics.CLOCK.type(clock=Time(nanoseconds=self.clock_ns).to_msg()))
+        for one in self.timers[:]:
+            if one in self.timers and one[0].get_name() not in self.late and one[1].is_ready():
+                one[1].handle.call_timer()
+                self.within(one[1].callback)
 
-    def within(self, do: Callable[[], T], node: BaseNode | None = None) -> T:
-        """Have a node, the observer without one, do something, and everything handled that follows."""
-        return self.game.within(node or self.observer, do)
-
-    # Time
-
-    @property
-    def now_s(self) -> float:
-        """Simulated time since the session began, s."""
-        return self.game.wall.now_s
+    def until(self, condition: Callable[[], object], limit_s: float) -> bool:
+        """Step until the condition holds, at most so much simulated time; return whether it holds."""
+        end_s = self.now_s + limit_s - 1e-6
+        while not (holds := bool(condition())) and self.now_s < end_s:
+            self.step()
+        return holds
 
     def advance(self, seconds: float) -> None:
-        self.game.advance(seconds)
+        self.until(lambda: False, seconds)
 
     def wait_for(self, condition: Callable[[], T], limit_s: float = 120.0, what: str = "the condition") -> T:
         """Step until the condition holds, and return what it returned; the test fails after so much simulated time."""
-        if not self.game.until(condition, limit_s):
-            last = {one.topic: getattr(one.message, "data", "...") for one in self.records}
-            raise AssertionError(f"waited {limit_s:g} simulated s for {what}; last recorded: {last}")
+        assert self.until(condition, limit_s), f"waited {limit_s:g} simulated s for {what}; last: {self._latest}"
         return condition()
 
     def stamp(self) -> Any:
-        """The time now, as messages have it."""
+        """Return the time now, as messages have it."""
         return self.observer.get_clock().now().to_msg()
 
 
+def node_class(name: str) -> Callable[..., BaseNode]:
+    """Return what makes one of the game's nodes; the test steps the simulated robot, and policies answer at once."""
+    module = importlib.import_module(module_of(name))
+    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
+    kind = next(kind for kind in kinds if kind.__module__ == module.__name__)
+    if name in (GAME, SELECTOR, SHADOW):
+        return partial(kind, ask=DirectPolicy)
+    return partial(kind, paced=False) if name == SIMULATOR else kind
+
+
 @contextmanager
-def nodes(
-    folder: Path,
-    seed: int = 0,
-    gives_time: bool = True,
-    alone: bool = True,
-    session: type[S] = Session,  # type: ignore[assignment]
-) -> Iterator[S]:
-    """A session with the observer alone and, unless a simulated robot is to do so, a node that gives the time."""
-    game = LockStep(seed, alone=alone)
+def nodes(folder: Path, session: type[S] = Session, **options: Any) -> Iterator[S]:  # type: ignore[assignment]
+    """Open a session with options of its class, and close it at the end."""
+    gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
+    opened = session(folder, **options)
+
+    def create(node: BaseNode, period_s: float, callback: Any, clock: Any = None) -> Timer:
+        """Make a timer that the session calls: the executor calls timers that are due together in any order."""
+        if clock is not None:  # the wall clock
+            return Node.create_timer(node, period_s, callback, clock=clock)
+        timer = Timer(callback, None, round(period_s * 1e9), node.get_clock(), context=opened.context)
+        opened.timers.append((node, timer))
+        return timer
+
+    def destroy(node: BaseNode, timer: Timer) -> None:
+        opened.timers = [one for one in opened.timers if one[1] is not timer]
+        Node.destroy_timer(node, timer)
+
     try:
-        if gives_time:
-            game.add(TimeNode, ["--ros-args", "-r", f"__ns:={NAMESPACE}"])
-        made = session(game, folder)
-        made.advance(0.05)
-        yield made
+        with patch.multiple(BaseNode, create_timer=create, destroy_timer=destroy):
+            yield opened
     finally:
-        game.close()
+        opened.close()
 
 
 @contextmanager
@@ -230,19 +248,14 @@ def game(
     map: str | Path = "house",
     policy: str = "clyde_aware",
     seed: int = 0,
-    alone: bool = True,
-    kind: type[LockStepGame] = LockStepGame,
     session: type[S] = Session,  # type: ignore[assignment]
     **fields: Any,
 ) -> Iterator[S]:
-    """A session of a whole game, with ``fields`` of ``GameSetup``; ``alone``: no other process can meet its nodes."""
-    gc.collect()  # a node of an earlier session that is collected later takes the log of its name with it
-    extra = fields.pop("extra", {})
-    for name in (REFEREE, SELECTOR):
-        extra = {**extra, name: {"state_file": str(folder / f"{name}.json"), **extra.get(name, {})}}
-    setup = GameSetup(str(map), policy, NAMESPACE, sim=True, extra=extra, **fields)
-    whole = kind(setup, seed, alone=alone)
-    try:
-        yield session(whole, folder)
-    finally:
-        whole.close()
+    """Open a session of a whole game, with ``fields`` of ``GameSetup``."""
+    with nodes(folder, session, seed=seed) as opened:
+        opened.setup = setup = GameSetup(str(map), policy, NAMESPACE, sim=True, **fields)
+        for name in (SIMULATOR, GAME, *LISTENERS, *([SHADOW] if setup.shadow else [])):
+            opened.start(name)
+        referee = opened.node(GAME).game
+        opened.wait_for(lambda: not referee.selector.missing, 60.0, "the robot's pose")
+        yield opened

@@ -161,10 +161,11 @@ class Probe(Records):
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def _subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
+    def subscribe(self, topic: Topic, receive: Callable[[Any], None]) -> None:
         topic.subscription(self.node, receive)
 
-    def _now(self) -> float:
+    @property
+    def now_s(self) -> float:  # type: ignore[override]
         return time.monotonic()
 
     def publish(self, topic: Topic, message: Any, listeners: int = 1) -> None:

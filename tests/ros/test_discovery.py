@@ -25,7 +25,7 @@ from pacman_env.ros.discovery import (
     stay_on_this_machine,
     users_environment,
 )
-from pacman_env.ros.node import LAST_MESSAGES_S
+from pacman_env.ros.process import LAST_MESSAGES_S
 from tests.ros.system import Probe, System
 from tests.waiting import wait_for
 
@@ -64,7 +64,7 @@ def test_local_process_has_no_way_to_others() -> None:
         ("--params-file {file}.none", "", False),
         ("-p", "", False),
         *(("--params-file {file}", value, True) for value in ("\ttrue", " y", " On")),
-        *(("--params-file {file}", value, False) for value in (" off", " no")),
+        *(("--params-file {file}", value, False) for value in (" off", " no", " false  # use_sim_time: true")),
     ],
 )
 def test_arguments_tell_simulated_time_as_ros_does(words: str, value: str, asks: bool, tmp_path: Path) -> None:
@@ -202,27 +202,17 @@ def test_second_clock_in_domain_is_refused(probe: Probe, system: System) -> None
 
 #: Prints the nodes seen until there are so many, and those that come in some seconds more.
 LISTENER = """
-import sys, time
-import rclpy
-rclpy.init()
-node = rclpy.create_node("listener", namespace="/robot_15")
+import sys
+from pacman_env.ros.observer import ObserverNode
 limit_s, number, longer_s = map(float, sys.argv[1:])
-seen = set()
-for seconds, enough in ((limit_s, number), (longer_s, 1000)):
-    end = time.monotonic() + seconds
-    while len(seen) < enough and time.monotonic() < end:
-        rclpy.spin_once(node, timeout_sec=0.1)
-        seen |= {name for name in node.get_node_names() if name != "listener" and not name.startswith("_NODE_")}
-print(*sorted(seen))
+with ObserverNode("listener", "/robot_15") as node:
+    def seen():
+        return {name for name in node.get_node_names() if name != "listener" and not name.startswith("_NODE_")}
+    node.spin_until(lambda: len(seen()) >= number, limit_s)
+    node.spin_until(lambda: False, longer_s)
+    print(*sorted(seen()))
 """
-
-
-def no_namespaces() -> str:
-    """Why there can be no network namespaces here; empty: there can."""
-    if shutil.which("ip") is None:
-        return "no command ip (Debian's package iproute2)"
-    tried = subprocess.run(["unshare", "-n", "true"], check=False, capture_output=True, text=True)
-    return tried.stderr.strip() if tried.returncode else ""
+HAS_NETWORKS = shutil.which("ip") and not subprocess.run(["unshare", "-n", "true"], check=False).returncode
 
 
 @pytest.fixture
@@ -248,7 +238,7 @@ def machines(domain: int) -> Iterator[tuple[list[str], list[str]]]:
             ip(f"netns delete {name}", check=False)
 
 
-@pytest.mark.skipif(bool(no_namespaces()) and not os.environ.get("CI"), reason=f"no networks: {no_namespaces()}")
+@pytest.mark.skipif(not (HAS_NETWORKS or os.environ.get("CI")), reason="needs iproute2 and network namespaces")
 def test_simulated_game_is_not_seen_on_network(
     machines: tuple[list[str], list[str]], system: System, monkeypatch: pytest.MonkeyPatch
 ) -> None:

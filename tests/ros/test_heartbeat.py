@@ -1,12 +1,16 @@
-"""When a process counts as frozen; real processes are in ``supervisor/test_processes.py``."""
+"""When a process counts as frozen or dead; real processes are in ``supervisor/``."""
 
 import os
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
 
 from pacman_env.ros import heartbeat
-from pacman_env.ros.heartbeat import LIMIT_S, LONG_S, Listener
+from pacman_env.ros.heartbeat import LIMIT_S, LONG_S, Heart, Listener
+
+#: A heart, and a listener that is refused, keep their sockets as long as their process.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
 
 @pytest.mark.parametrize(
@@ -14,28 +18,39 @@ from pacman_env.ros.heartbeat import LIMIT_S, LONG_S, Listener
     [
         ("S", 0.0, [0.1] * 25, LIMIT_S, True),
         ("T", 0.0, [0.1] * 25, LIMIT_S, True),
-        ("S", 0.0, [0.1] * 15, LIMIT_S, False),
+        ("S", 0.0, [0.1] * 9, LIMIT_S, False),
         ("R", 0.0, [0.1] * 900, LIMIT_S, False),  # it waits for a processor
         ("R", 0.5, [0.1] * 45, LIMIT_S, True),  # it computes
-        ("S", 0.0, [60.0] * 3, LIMIT_S, False),  # the observer did not run
+        ("S", 0.0, [60.0] * 2, LIMIT_S, False),  # the observer did not run
         ("S", 0.0, [0.1] * 900, LONG_S, False),
-        ("S", 0.0, [0.1] * 900, 0, False),  # it is starting
+        ("S", 0.0, [0.1] * 900, 0, False),  # it has said farewell, or is starting
     ],
 )
 def test_silence_counts_while_process_could_run(
     monkeypatch: pytest.MonkeyPatch, state: str, busy_share: float, looks_s: list[float], limit_s: int, late: bool
 ) -> None:
-    now_s = 0.0
+    now_s, address = 0.0, f"pacman_env-test-{os.getpid()}"
     monkeypatch.setattr(heartbeat, "time", SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(heartbeat, "signal", SimpleNamespace(alarm=lambda seconds: None))
     monkeypatch.setattr(heartbeat, "main_thread", lambda pid: (state, busy_share * now_s))
-    listener = Listener()
-    if limit_s:
-        os.write(listener.pipe, bytes([limit_s]))
-    assert not listener.is_late(1)
-    for look_s in looks_s[:-1]:
-        now_s += look_s
-        listener.is_late(1)
-    now_s += looks_s[-1]
-    assert listener.is_late(1) == late
-    os.write(listener.pipe, bytes([LIMIT_S]))
-    assert not listener.is_late(1)
+    heart = Heart()
+    heart.send_to(address)
+    with closing(Listener(address)) as listener:
+        heart.beat(LIMIT_S)
+        heart.beat(limit_s)
+        lost = listener.lost()
+        for look_s in looks_s:
+            now_s += look_s
+            lost |= listener.lost()
+        assert list(lost) == [os.getpid()] * late
+        assert all(silent_s > limit_s for silent_s in lost.values())
+        heart.beat(LIMIT_S)
+        state = "Z"
+        assert listener.lost() == {os.getpid(): 0.0}
+        assert listener.lost() == {}
+
+
+def test_address_has_one_listener() -> None:
+    address = f"pacman_env-test-{os.getpid()}"
+    with closing(Listener(address)), pytest.raises(OSError, match="in use"):
+        Listener(address)

@@ -14,16 +14,14 @@ from typing import Any
 import pytest
 
 from pacman_env.ros.game_nodes import (
-    COMPOSED,
     GAME,
-    LOCK_STEP,
     NAV2_BRINGUP,
     QUIET,
     SELECTOR,
+    SHADOW,
     SIMULATOR,
-    WAIT,
+    WATCHER,
     GameSetup,
-    from_json,
     full_namespace,
     module_of,
 )
@@ -91,13 +89,13 @@ def handlers(actions: list[Any]) -> dict[str, Any]:
 
 
 def test_launch_restarts_dead_nodes_and_ends_with_refusal(started: Any) -> None:
-    actions = started()
-    assert set(handlers(actions)) == {*GAME, WAIT}
-    for name in GAME:
-        ended = handlers(actions)[name]
-        assert [kind(a) for a in ended(types.SimpleNamespace(returncode=2), None)] == ["EmitEvent"]
+    actions = started(shadow="nearest")
+    assert tuple(handlers(actions)) == (WATCHER, GAME, SELECTOR)
+    for name, ended in handlers(actions).items():
+        refused = ended(types.SimpleNamespace(returncode=2), None)
+        assert [kind(action) for action in refused] == ([] if name == SELECTOR else ["EmitEvent"])
         assert ended(types.SimpleNamespace(returncode=-9), None) == []
-        assert nodes(actions)[name]["respawn"]
+        assert nodes(actions)[name].get("respawn", False) == (name != SELECTOR), "a shadow is dispensable"
 
 
 def test_simulated_launch_stays_on_this_machine(started: Any) -> None:
@@ -111,27 +109,37 @@ def test_simulated_launch_stays_on_this_machine(started: Any) -> None:
     assert not [k for k in map(kind, started()) if "Environment" in k]
 
 
-def test_launch_starts_game_and_waits_for_pose(started: Any) -> None:
-    found = nodes(started(map="/maps/home.yaml", namespace="robot_7"))
-    assert tuple(found) == (*GAME, WAIT)
-    assert {(o["package"], o["namespace"]) for o in found.values()} == {("pacman_env", "robot_7")}
-    assert found["pellet_manager"]["parameters"] == [{"map_yaml": "/maps/home.yaml"}]
+def test_launch_passes_arguments_to_nodes(started: Any) -> None:
+    given = {"map": "/maps/home.yaml", "namespace": "robot_7", "policy": "lookahead", "home": "1 2 0.5"}
+    given |= {"preset": "ideal", "settings": "clyde.speed_mps=0.35 clyde.ghosts=chase,wander", "shadow": "nearest"}
+    found = nodes(started(**given, log_level="debug", use_sim_time="true"))
+    rules = {"preset": "ideal", "settings": ["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]}
+    of_both = {"map_yaml": "/maps/home.yaml", "home": [1.0, 2.0, 0.5], "use_sim_time": True, **rules}
+    assert found[GAME]["parameters"] == [{**of_both, "policy": "lookahead", "selector": "ours"}]
+    assert found[SELECTOR]["parameters"] == [{**of_both, "policy": "nearest", "shadow": True}]
+    assert ("goal_selector/why", "shadow/why") in found[SELECTOR]["remappings"]
+    assert {name: options.get("name") for name, options in found.items()} == {
+        WATCHER: None,
+        GAME: None,
+        SELECTOR: SHADOW,
+    }
+    for options in found.values():
+        assert (options["package"], options["namespace"]) == ("pacman_env", "robot_7")
+        assert options["ros_arguments"] == ["--log-level", "debug"]
 
 
-def test_only_a_pose_starts_goal_selector(started: Any) -> None:
-    localized = handlers(started(policy="lookahead", home="1 2 0.5"))[WAIT]
-    refused, selector = localized(types.SimpleNamespace(returncode=0), None)
-    assert list(handlers([refused])) == [SELECTOR]
-    assert selector.options["executable"] == SELECTOR
-    assert selector.options["parameters"] == [{"map_yaml": "house", "policy": "lookahead", "home": [1.0, 2.0, 0.5]}]
-    assert [kind(a) for a in localized(types.SimpleNamespace(returncode=1), None)] == ["EmitEvent"]
+def test_params_file_comes_before_arguments(started: Any, tmp_path: Path) -> None:
+    file = tmp_path / "game.yaml"
+    file.touch()
+    parameters = nodes(started(params_file=str(file)))[GAME]["parameters"]
+    assert parameters == [str(file), {"map_yaml": "house", "policy": "ppo", "selector": "ours"}]
 
 
 def test_simulated_robot_comes_first_with_time(started: Any) -> None:
     found = nodes(started(sim="true", speed="4"))
-    assert tuple(found) == (SIMULATOR, *GAME, WAIT)
+    assert tuple(found) == (SIMULATOR, WATCHER, GAME)
     assert found[SIMULATOR]["parameters"] == [{"map_yaml": "house", "speed": 4.0, "use_sim_time": True}]
-    assert all(o["parameters"][0]["use_sim_time"] for o in found.values())
+    assert found[GAME]["parameters"][0]["use_sim_time"]
 
 
 def test_nav2_starts_after_its_base(started: Any) -> None:
@@ -150,10 +158,14 @@ def test_nav2_starts_after_its_base(started: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"home": "1 2"}, {"preset": "lunar"}]
+    "given",
+    [
+        *({"nav2": "none"}, {"sim": "perhaps"}, {"speed": "2.0"}, {"home": "1 2"}, {"preset": "lunar"}),
+        *({"selector": "mine"}, {"use_sim_time": "1"}, {"params_file": "nowhere.yaml"}),
+    ],
 )
 def test_invalid_launch_arguments_are_refused(started: Any, given: dict[str, str]) -> None:
-    with pytest.raises(ValueError, match=r"nav2|speed|must be true or false|home|unknown preset"):
+    with pytest.raises(ValueError, match=r"nav2|speed|must be |home|unknown preset|no such file"):
         started(**given)
 
 
@@ -168,9 +180,6 @@ def test_namespace_is_completed(name: str, full: str) -> None:
         *(({"namespace": name}, "namespace") for name in ("15", "a b", "a//b", "robot-15", "é", "a\n")),
         ({"settings": ("clyde.speed_mps=fast",)}, r"clyde\.speed_mps"),
         ({"home": (1.0, 2.0, math.inf)}, "home"),
-        ({"lock_step": True}, "only with a simulated robot"),
-        ({"sim": True, "lock_step": True, "speed": 4.0}, "speed 4: a lock-step game is as fast as its nodes"),
-        ({"sim": True, "lock_step": True, "composed": True}, "composed: a lock-step game is one process anyway"),
         ({"sim": True, "nav2": NAV2_BRINGUP, "speed": 2.0}, "speed 2"),
     ],
 )
@@ -179,59 +188,17 @@ def test_invalid_setup_is_refused(fields: dict[str, Any], reason: str) -> None:
         GameSetup("house", **fields)
 
 
-def test_setup_survives_json() -> None:
-    given = GameSetup(
-        *("house", "ppo", "robot_7", True),
-        settings=("clyde.speed_mps=0.4",),
-        home=(1.0, 2.0, 0.5),
-        extra={"audio_node": {"preset": "robot"}},
-        lock_step=True,
-        seed=7,
-    )
-    assert from_json(given.as_json()) == given
-
-
-def test_composed_game_is_three_processes_and_page() -> None:
-    processes = GameSetup("house", sim=True, composed=True, web=8000).first_processes
-    assert processes == (SIMULATOR, COMPOSED, WAIT, "operator_page")
-
-
 def test_arguments_keep_their_types() -> None:
-    setup = GameSetup("1e3", namespace="r", sim=True, speed=2.0, extra={SELECTOR: {"seed": 7}})
-    assert setup.command(SIMULATOR)[:5] == [module_of(SIMULATOR), "--ros-args", *QUIET, "-r", "__ns:=/r"]
-    assert setup.command(SIMULATOR)[5:] == ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
-    assert setup.command(SELECTOR)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
+    setup = GameSetup("1e3", namespace="r", sim=True, speed=2.0, extra={GAME: {"seed": 7}}, params_file="a.yaml")
+    words = [module_of(SIMULATOR), "--ros-args", *QUIET, "-r", "__ns:=/r", "--params-file", "a.yaml"]
+    words += ["-p", 'map_yaml:="1e3"', "-p", "speed:=2.0", "-p", "use_sim_time:=true"]
+    assert setup.command(SIMULATOR) == words
+    assert setup.command(GAME)[-4:] == ["-p", "use_sim_time:=true", "-p", "seed:=7"]
 
 
 def test_every_playing_node_gets_configuration() -> None:
     setup = GameSetup("house", preset="ideal", settings=("clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"))
     words = ["-p", 'preset:="ideal"', "-p", 'settings:=["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]']
-    for node in (SIMULATOR, *GAME, SELECTOR):
+    for node in (SIMULATOR, GAME, SHADOW):
         assert setup.command(node)[-4:] == words
-    assert "settings" not in setup.parameters(WAIT)
-
-
-def test_launch_passes_configuration_on(started: Any) -> None:
-    found = nodes(started(preset="ideal", settings="clyde.speed_mps=0.35 clyde.ghosts=chase,wander"))
-    expected = {"preset": "ideal", "settings": ["clyde.speed_mps=0.35", "clyde.ghosts=chase,wander"]}
-    assert found["audio_node"]["parameters"] == [expected]
-
-
-def test_lock_step_launch_is_one_process(started: Any) -> None:
-    actions = started(sim="true", lock_step="true", seed="7", policy="lookahead")
-    assert set(nodes(actions)) == {LOCK_STEP} == set(handlers(actions))
-    (text,) = nodes(actions)[LOCK_STEP]["arguments"]
-    assert from_json(text) == GameSetup("house", "lookahead", sim=True, lock_step=True, seed=7)
-    ended = handlers(actions)[LOCK_STEP]
-    for status in (0, 1, 2):
-        assert [kind(action) for action in ended(types.SimpleNamespace(returncode=status), None)] == ["EmitEvent"]
-    assert "respawn" not in nodes(actions)[LOCK_STEP]
-    assert "SetEnvironmentVariable" in map(kind, actions)
-
-
-def test_composed_launch_restarts_its_process(started: Any) -> None:
-    actions = started(composed="true")
-    assert set(nodes(actions)) == {COMPOSED, WAIT}
-    (text,) = nodes(actions)[COMPOSED]["arguments"]
-    assert from_json(text) == GameSetup("house", composed=True)
-    assert nodes(actions)[COMPOSED]["respawn"] is True
+    assert "settings" not in setup.parameters(WATCHER)

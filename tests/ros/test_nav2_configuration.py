@@ -13,7 +13,7 @@ import yaml
 
 from pacman_env.config import Config
 from pacman_env.ros.message_conversion import GHOST_OBSTACLE
-from pacman_env.ros.nodes.ghost_trail import GhostTrail
+from pacman_env.ros.pacman_game.ghost_trail import GhostTrail
 from pacman_env.ros.topics import CLYDE_OBSTACLE, CLYDE_TRAIL, SCAN
 from tests.ros import nav2_chain
 from tests.ros.costmap_model import FREE, LETHAL, ROBOT, UNKNOWN, Points, Pose, Room

@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rclpy.action import ActionServer
+from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import NAV2_BY_HAND, NODES, SIMULATOR, GameSetup
+from pacman_env.ros.game_nodes import MODULES, NAV2_BY_HAND, SIMULATOR, GameSetup
 from pacman_env.ros.message_conversion import nanoseconds_of, seconds_of, transform_of, twist_message
 from pacman_env.sim import navigate_to_pose
 from pacman_env.world.navigation.grid import clearance_m
@@ -72,7 +72,7 @@ class Base(session.Session):
                 self.received.append((row, []))
                 add = partial(lambda got, message: got.append((self.now_s, message)), self.received[-1][1])
                 topic = topics.Topic(row["topic"], row["type"], profile)
-                self.game.subscribe(self.observer, partial(topic.subscription, self.observer, add))
+                self.subscribe(topic, add)
         self.driven = [self.driven_by(row) for param in rows("sent", to="base") for row in param.values]
 
     def driven_by(self, row: dict[str, Any]) -> bool:
@@ -113,7 +113,7 @@ class Base(session.Session):
 
 @pytest.fixture(scope="module")
 def base(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Base]:
-    with session.nodes(tmp_path_factory.mktemp("base"), gives_time=False, session=Base) as base:
+    with session.nodes(tmp_path_factory.mktemp("base"), session=Base) as base:
         base.drive()
         yield base
         assert base.errors() == []
@@ -144,18 +144,19 @@ def test_base_leaves_services_of_nav2_free(base: Base) -> None:
     node = base.node(SIMULATOR)
     published = {publisher.topic_name for publisher in node.publishers}
     services = {service.srv_name for service in node.services}
-    actions = {one.statuses_name for one in node.waitables if isinstance(one, ActionServer)}
+    served = get_action_server_names_and_types_by_node(node, node.get_name(), node.get_namespace())
+    actions = {name for name, _ in served}
     sent = {row["topic"] for row in FACTS["sent"] if row["to"] == "game"} - {"tf"}
     assert {f"{session.NAMESPACE}/{name}" for name in sent} & published == set()
     for row in FACTS["services"]:
         name = f"{session.NAMESPACE}/{row['name']}"
         assert name not in services
-        assert name.replace("send_goal", "status") not in actions
+        assert name.removesuffix("/_action/send_goal") not in actions
     assert "map" not in base.links.values()
 
 
 def test_nodes_have_no_names_of_nav2() -> None:
-    assert set(NODES) & set(FACTS["nodes"]["names"]) == set()
+    assert set(MODULES) & set(FACTS["nodes"]["names"]) == set()
 
 
 @pytest.mark.parametrize("row", FACTS["transforms"], ids=lambda row: f"{row['node']}: {row['of']} in {row['in']}")

@@ -1,6 +1,7 @@
 """The life of a node: bad starts, signals, last messages."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -15,7 +16,9 @@ from rclpy.time import Time
 
 from pacman_env.config import make_config, parse_settings
 from pacman_env.ros import topics
-from pacman_env.ros.node import BaseNode, Once, event_executor
+from pacman_env.ros.game_nodes import GAME, SELECTOR
+from pacman_env.ros.node import BaseNode, Once
+from pacman_env.ros.process import event_executor
 from pacman_env.ros.standstill import LEASE, STOOD_STILL
 from tests.ros.session import Session
 from tests.ros.system import Probe, Process, System
@@ -144,16 +147,17 @@ def plays(nodes: Session, name: str, map: str | None = None, **changes: Any) -> 
 def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[[], str]) -> None:
     settings = ["clyde.speed_mps=0.25", "clyde.ghosts=wander,chase"]
     nodes.record(topics.CONFIGURATION)
-    member = nodes.start("game_event_mapper", settings=settings)
+    nodes.start("game_event_mapper", settings=settings)
     (said,) = map(json.loads, nodes.values(topics.CONFIGURATION))
     own = make_config("robot", **parse_settings(settings))
     assert said.pop("acts")
-    assert said.pop("started")[2] == member.number
+    assert said.pop("started")[2] == os.getpid()
+    assert said.pop("rules") == ["robot", "robust", settings]
     assert said == {"node": "game_event_mapper", "hash": own.hash, "map": None, "configuration": own.as_dict()}
 
     two_ghosts = {"clyde.ghosts": ("wander", "chase")}
-    other, third = "game_controller", "goal_selector"
-    plays(nodes, "pellet_manager", map="01234567", **two_ghosts)
+    other, third = GAME, SELECTOR
+    plays(nodes, "audio_node", map="01234567", **two_ghosts)
     for _ in range(3):
         plays(nodes, other, **{"clyde.speed_mps": 0.35, **two_ghosts})
     plays(nodes, third)
@@ -162,7 +166,7 @@ def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[
     plays(nodes, third, **two_ghosts)
     lines = [line for line in log().splitlines() if "configuration" in line]
     assert len(lines) == 4
-    assert lines[0].endswith("game_controller plays by another configuration: clyde.speed_mps 0.35, here 0.25")
+    assert lines[0].endswith("pacman_game plays by another configuration: clyde.speed_mps 0.35, here 0.25")
     assert lines[1].endswith(
         "goal_selector plays by another configuration: clyde.ghosts ['wander'], here ['wander', 'chase']"
     )
@@ -172,13 +176,13 @@ def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[
     plays(nodes, other, **two_ghosts)  # started again, with the same settings
     plays(nodes, other, **{"clyde.speed_mps": 0.45, **two_ghosts})
     assert "clyde.speed_mps 0.45, here 0.25" in log()
-    assert log().count("game_controller plays by another") == 2
+    assert log().count("pacman_game plays by another") == 2
 
 
 def test_both_nodes_report_other_configuration(nodes: Session, log: Callable[[], str]) -> None:
-    nodes.start("pellet_manager", map_yaml="house")
-    nodes.start("clyde_ghost_node", map_yaml="loop", settings=["clyde.ghosts=chase"])
-    for here, there in (("pellet_manager", "clyde_ghost_node"), ("clyde_ghost_node", "pellet_manager")):
+    nodes.start(GAME, map_yaml="house", policy="nearest")
+    nodes.start(SELECTOR, map_yaml="loop", policy="nearest", settings=["clyde.ghosts=chase"])
+    for here, there in ((GAME, SELECTOR), (SELECTOR, GAME)):
         text = f"[robot_15.{here}]: {there} plays by another configuration: "
         (line,) = [line for line in log().splitlines() if text in line]
         assert "clyde.ghosts" in line
@@ -253,7 +257,7 @@ PROGRAM = """
 import gc, re
 from pathlib import Path
 import numba
-from pacman_env.ros.node import release_memory
+from pacman_env.ros.memory import release_memory
 
 def resident_mb():
     return int(re.search(r"VmRSS:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024

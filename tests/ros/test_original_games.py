@@ -1,52 +1,68 @@
 """Play recorded transcripts of the original's nodes to ours: two rounds, and every pellet that is reported counts.
 
-``golden/original_games.json`` was recorded once in lock-step, with stand-ins for the original's nodes beside ours. A
-line is the time since the line before, s, what happens, the topic or service, and the value. The original says its
-lines in order; it waits until it has heard from our nodes what it heard in the recording.
+``golden/original_games.json`` was recorded once, with stand-ins for the original's nodes beside our nodes, which were
+one for each part then. A line is the time since the line before, s, what happens, the topic or service, and the value.
+The original says its lines in order; it waits until it has heard from our nodes what it heard in the recording.
 """
 
 import json
-from collections.abc import Callable
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import REFEREE
-from pacman_env.ros.message_conversion import markers_of
+from pacman_env.ros.game_nodes import (
+    GAME,
+    LISTENERS,
+    ORIGINAL,
+    ORIGINAL_SELECTOR,
+    SELECTOR,
+    SHADOW,
+    SIMULATOR,
+    GameSetup,
+)
+from pacman_env.ros.message_conversion import markers_of, pose_message
 from pacman_env.ros.node import BaseNode
+from pacman_env.ros.observer import ObserverNode
+from pacman_env.ros.supervisor.operator import status_rows, wait_for_all
+from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.map_parts import part_of_map
 from tests.ros import session
+from tests.ros.selector_game import FAR_AWAY
+from tests.waiting import PATIENCE_S
 
 Line = list[Any]  # time since the line before (s), what happens, topic or service, value
+Pellets = dict[int, tuple[float, float]]
 TRANSCRIPTS: dict[str, list[Line]] = json.loads((Path(__file__).parent / "golden" / "original_games.json").read_text())
-SERVICES = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Service)}
+PLANNER = "planner and pellet manager"
 TOPICS = {one.name: one for one in vars(topics).values() if isinstance(one, topics.Topic)}
 SETTINGS = ("execution.death_radius_m=0.001", "clyde.speed_mps=0.02", "show.start_s=2")  # no round is lost
 
 
 class Original(BaseNode):
-    """Says the original's lines of a transcript."""
+    """Says the original's lines of a transcript; if ``pellets`` are given, it also shows these pellets and Clyde."""
 
-    def __init__(self, lines: list[Line], loses_bursts: bool = False) -> None:
-        super().__init__("original")
+    def __init__(
+        self, lines: list[Line], pellets: Pellets | None = None, loses_bursts: bool = False, **options: Any
+    ) -> None:
+        super().__init__("original", **options)
         self.transcript, self.lines = lines, list[Line]()  # the lines that are left
         self.heard: list[tuple[str, Any]] = []
         self.loses_bursts = loses_bursts
         self._since_s = self.now_s()
-        self._pellets: Any = None
-        says, hears, serves, calls = (
-            {name for _, kind, name, _ in lines if kind == wanted} for wanted in ("says", "hears", "serves", "calls")
-        )
+        says, hears = ({name for _, kind, name, _ in lines if kind == wanted} for wanted in ("says", "hears"))
         self.voices = {name: TOPICS[name].publisher(self) for name in says}
-        self.callers = {name: SERVICES[name].client(self) for name in calls}
         for name in hears:
             TOPICS[name].subscription(self, lambda message, name=name: self.heard.append((name, plain(message))))
-        for name in serves:
-            SERVICES[name].server(self, self._served(name))
+        if pellets is not None:
+            self._all, self._left = pellets, dict(pellets)
+            self._markers, self._clyde = topics.PELLET_MARKERS.publisher(self), topics.CLYDE_POSE.publisher(self)
+            topics.REMOVE_PELLET.subscription(self, self._remove)
+            topics.START_GAME.server(self, self._start)
+            self.create_timer(1.0, self._show)
         self.create_timer(0.05, self._go_on)
-        self.create_timer(1.0, self._show_pellets)
 
     @property
     def is_asked_to_start(self) -> bool:
@@ -57,13 +73,10 @@ class Original(BaseNode):
         self.heard.clear()
         self.lines, self._since_s = list(self.transcript), self.now_s()
 
-    def _served(self, name: str) -> Callable[[Any, Any], Any]:
-        def answer(request: Any, response: Any) -> Any:
-            self.heard.append((name, None))
-            response.success = True
-            return response
-
-        return answer
+    def _start(self, request: Any, response: Any) -> Any:
+        self.heard.append((topics.START_GAME.name, None))
+        response.success = True
+        return response
 
     def _go_on(self) -> None:
         while self.lines:
@@ -75,18 +88,12 @@ class Original(BaseNode):
             elif self.now_s() - self._since_s < wait_s - 1e-6:
                 return
             elif kind == "calls":
-                self.callers[name].call_async(SERVICES[name].type.Request())
-            else:
-                self._say(name, value)
+                self._left = dict(self._all)
+                self._show()
+            elif not (self.loses_bursts and name == topics.GAME_COMMAND.name and self._is_followed_at_once(name)):
+                self.voices[name].publish(TOPICS[name].type(data=value))
             self.lines.pop(0)
             self._since_s = self.now_s()
-
-    def _say(self, name: str, value: Any) -> None:
-        if name == topics.PELLET_MARKERS.name:
-            self._pellets = {int(number): tuple(place) for number, place in value.items()}
-            self._show_pellets()
-        elif not (self.loses_bursts and name == topics.GAME_COMMAND.name and self._is_followed_at_once(name)):
-            self.voices[name].publish(TOPICS[name].type(data=value))
 
     def _is_followed_at_once(self, name: str) -> bool:
         """Whether the next line on a topic belongs to the same burst, of which a reader may get the last alone."""
@@ -97,9 +104,14 @@ class Original(BaseNode):
                 return True
         return False
 
-    def _show_pellets(self) -> None:
-        if self._pellets is not None:
-            self.voices["pellet_markers"].publish(markers_of(self._pellets, self.get_clock().now().to_msg()))
+    def _remove(self, message: Any) -> None:
+        self._left.pop(message.data, None)
+        self._show()
+
+    def _show(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        self._markers.publish(markers_of(self._left, stamp))
+        self._clyde.publish(pose_message(*FAR_AWAY, 0.0, stamp))
 
 
 def plain(message: Any) -> Any:
@@ -125,12 +137,18 @@ def play(nodes: session.Session, original: Original) -> None:
 
 
 @pytest.mark.parametrize("loses_bursts", [False, True])
-def test_nodes_play_two_rounds_of_original_referee(domain: int, tmp_path: Path, loses_bursts: bool) -> None:
-    ground = part_of_map("loop", 3.0).save(tmp_path / "ground.yaml")
-    with session.game(tmp_path, ground, "nearest", seed=1, settings=SETTINGS, home=(0.0, 0.0, 0.0)) as nodes:
+def test_our_selector_plays_two_rounds_of_original_game(domain: int, tmp_path: Path, loses_bursts: bool) -> None:
+    map_yaml = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
+    pellets = {int(number): tuple(place) for number, place in TRANSCRIPTS[PLANNER][0][3].items()}
+    common: dict[str, Any] = {"map_yaml": map_yaml, "settings": list(SETTINGS)}
+    with session.nodes(tmp_path, seed=1) as nodes:
         nodes.record(topics.GAME_STATUS, topics.GAME_LIGHT)
-        nodes.stop(REFEREE)
-        original = nodes.start(REFEREE, lambda: Original(TRANSCRIPTS["referee"], loses_bursts)).node
+        nodes.start(SIMULATOR, **common, home="0.0,0.0,0.0")
+        for name in LISTENERS:
+            nodes.start(name)
+        nodes.start(SELECTOR, **common, policy="nearest", home=[0.0, 0.0, 0.0])
+        lines = TRANSCRIPTS["referee"]
+        original = nodes.start("original", lambda **options: Original(lines, pellets, loses_bursts, **options))
         assert isinstance(original, Original)
         nodes.clear()
         play(nodes, original)
@@ -140,17 +158,35 @@ def test_nodes_play_two_rounds_of_original_referee(domain: int, tmp_path: Path, 
         assert nodes.errors() == []
 
 
-def test_referee_counts_reports_of_original_planner(domain: int, tmp_path: Path) -> None:
-    """In the second round a pellet is removed uncounted; of that the referee learns by ``game_complete`` alone."""
-    name = "planner and pellet manager"
+def test_our_game_counts_reports_of_original_planner(domain: int, tmp_path: Path) -> None:
+    """In the second round a pellet is removed uncounted; of that the game learns by ``game_complete`` alone."""
+    map_yaml = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
+    lines = [line for line in TRANSCRIPTS[PLANNER] if line[1] != "serves" and line[2] != "pellet_markers"]
     with session.nodes(tmp_path) as nodes:
+        nodes.start(GAME, map_yaml=map_yaml, selector=ORIGINAL, settings=list(SETTINGS))
         nodes.record(topics.GAME_COMMAND, topics.GAME_EVENT, topics.GAME_RESULT, topics.SCORE, topics.GAME_STATE)
-        nodes.start("clyde_ghost_node", map_yaml="loop", settings=list(SETTINGS))
-        nodes.start(REFEREE, settings=list(SETTINGS))
-        nodes.clear()
-        original = nodes.start("original", lambda: Original(TRANSCRIPTS[name])).node
+        original = nodes.start("original", lambda **options: Original(lines, **options))
         assert isinstance(original, Original)
         nodes.clear()
         play(nodes, original)
-        assert [(one.topic, one.value) for one in nodes.records] == heard_in(name, "hears")
+        assert [(one.topic, one.value) for one in nodes.records] == heard_in(PLANNER, "hears")
         assert nodes.errors() == []
+
+
+def test_status_knows_original_planner_and_shadow(domain: int, tmp_path: Path) -> None:
+    """The original's nodes have no namespace; a policy that is shown but drives nothing is called a shadow."""
+    with session.nodes(tmp_path, alone=False) as nodes:
+        nodes.setup = GameSetup("house", sim=True, selector=ORIGINAL, shadow="nearest")
+        for name in (GAME, SHADOW):
+            nodes.start(name)
+        with ObserverNode(ORIGINAL_SELECTOR, "/") as planner:
+            nodes.advance(1.0)  # diagnostics
+            planner.create_publisher(topics.GAME_STATUS.type, f"{session.NAMESPACE}/{topics.GAME_STATUS.name}", 1)
+            with StatusLine(session.NAMESPACE, sim=True) as status_line:
+                assert status_line.spin_until(lambda: status_line.originals and status_line.condition, PATIENCE_S)
+                missing = wait_for_all(status_line, time.monotonic() + 1.0)
+                rows = dict(line.split(None, 1) for line in status_rows(status_line, missing).splitlines())
+    assert not {SELECTOR, ORIGINAL_SELECTOR} & set(missing["absent"]["nodes"])
+    assert ORIGINAL_SELECTOR in rows["nodes"]
+    assert ORIGINAL in rows["selector"]
+    assert SHADOW in rows["selector"]

@@ -18,7 +18,7 @@ import pytest
 import yaml
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import COMPOSED, LOCK_STEP, NODES, PAGE, SELECTOR, STOP_ORDER, module_of
+from pacman_env.ros.game_nodes import GAME, MODULES
 
 ROOT = Path(__file__).resolve().parents[2]
 VIEW = ROOT / "config" / "game.rviz"
@@ -97,14 +97,9 @@ def test_every_node_is_a_console_script(monkeypatch: pytest.MonkeyPatch) -> None
     runpy.run_path("setup.py")
     command, *nodes = given["entry_points"]["console_scripts"]
     assert command == "pacman-env = pacman_env.cli.main:main"
-    game = f"{LOCK_STEP} = pacman_env.ros.lock_step.__main__:main"
-    composed = f"{COMPOSED} = pacman_env.ros.composed:main"
-    assert nodes == [*(f"{name} = {module_of(name)}:main" for name in NODES), game, composed]
-    for name in NODES:
-        assert re.search(
-            r"^(def main\(|main = )", (ROOT / f"{module_of(name).replace('.', '/')}.py").read_text(), re.M
-        ), name
-    assert set(STOP_ORDER) <= {*NODES, PAGE, COMPOSED}
+    assert nodes == [f"{name} = {module}:main" for name, module in MODULES.items()]
+    for module in MODULES.values():
+        assert re.search(r"^(def main\(|main = )", (ROOT / f"{module.replace('.', '/')}.py").read_text(), re.M), module
 
 
 # colcon, the real one, with the setuptools of Ubuntu 24.04
@@ -178,11 +173,11 @@ def test_colcon_builds_package_for_ros2_run(workspaces: dict[str, Workspace], ki
     workspace = workspaces[kind]
     installed = workspace.folder / "install" / "pacman_env"
     commands = {path.name for path in (installed / "lib" / "pacman_env").iterdir() if os.access(path, os.X_OK)}
-    assert commands == {"pacman-env", *NODES, LOCK_STEP, COMPOSED}
+    assert commands == {"pacman-env", *MODULES}
     first = {(installed / "lib" / "pacman_env" / name).read_text().splitlines()[0] for name in commands}
     assert first == {"#!/usr/bin/env python3"}, "the interpreter of the environment that a node is started in"
     share = installed / "share" / "pacman_env"
-    for path in ("package.xml", "launch/game.launch.py", "config/nav2.yaml", "config/game.rviz", "maps/house.yaml"):
+    for path in ("package.xml", "launch/game.launch.py", "config/nav2.yaml", "config/game.yaml", "maps/house.yaml"):
         assert (share / path).read_text() == (ROOT / path).read_text(), path
         assert (share / path).is_symlink() == (kind == "links")
     assert (installed / "share" / "ament_index" / "resource_index" / "packages" / "pacman_env").is_file()
@@ -198,7 +193,7 @@ def test_colcon_builds_package_for_ros2_run(workspaces: dict[str, Workspace], ki
 @pytest.mark.parametrize("kind", ["plain", "links"])
 def test_installed_node_refuses_bad_map(workspaces: dict[str, Workspace], kind: str) -> None:
     workspace = workspaces[kind]
-    node = str(workspace.folder / "install" / "pacman_env" / "lib" / "pacman_env" / SELECTOR)
+    node = str(workspace.folder / "install" / "pacman_env" / "lib" / "pacman_env" / GAME)
     done = workspace.run(node, "--ros-args", "-p", "map_yaml:=nowhere.yaml")
     assert done.returncode == 2, done.stderr
     assert "nowhere.yaml" in done.stderr.strip().splitlines()[-1]

@@ -1,16 +1,13 @@
-"""rclpy's private attributes: one module uses them, and lock-step refuses a version that has others."""
+"""rclpy's private attributes: one module uses them, and nodes work without them."""
 
 import ast
-from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 from rclpy.parameter import Parameter
 
 from pacman_env import ros
 from pacman_env.ros import rclpy_private
-from pacman_env.ros.lock_step import stepper
 
 OWN = {"self", "cls", "os"}  # os._exit
 
@@ -25,16 +22,6 @@ def private_uses(file: Path) -> list[str]:
 def test_one_module_alone_uses_private_attributes() -> None:
     files = sorted(Path(ros.__file__).parent.rglob("*.py"))
     assert [file.name for file in files if private_uses(file)] == [Path(rclpy_private.__file__).name]
-
-
-@pytest.mark.parametrize(("version", "refused"), [("7.1.6", False), ("9.0.1", True)])
-def test_lock_step_refuses_other_rclpy(monkeypatch: pytest.MonkeyPatch, version: str, refused: bool) -> None:
-    monkeypatch.setattr(metadata, "version", lambda name: version)
-    if refused:
-        with pytest.raises(ValueError, match=r"lock-step: needs rclpy 7 \(ROS 2 Jazzy\), here is rclpy 9\.0\.1"):
-            stepper.LockStep()
-    else:
-        rclpy_private.require_known_version()
 
 
 def test_nodes_work_without_private_attributes() -> None:

@@ -1,18 +1,32 @@
-"""The reference of the robot's side is what the nodes declare."""
+"""The reference of the robot's side and the file of all parameters are what the nodes declare."""
 
 from pathlib import Path
 
-from pacman_env.ros.game_nodes import NODES
-from tools.robot_reference import main
+import pytest
+
+from pacman_env.ros.game_nodes import MODULES
+from tools.robot_reference import PARAMETERS, Described, describe_all, main, page
+
+
+@pytest.fixture(scope="module")
+def nodes(domain: int) -> dict[str, Described]:
+    return describe_all()
 
 
 def test_robot_reference_is_what_nodes_declare(domain: int, tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    assert main(["--check", str(page)]) == 1
-    assert main([str(page)]) == 0
+    written = [str(tmp_path / name) for name in ("page.md", "game.yaml")]
+    assert main(["--check", *written]) == 1
+    assert main(written) == 0
     assert main(["--check"]) == 0, "run scripts/robot_reference"
-    text = page.read_text()
-    for node in NODES:
-        assert f"\n## {node}\n" in text
-    for line in text.splitlines():
-        assert not (line.startswith("| `") and line.count("|") == 6 and line.endswith("|  |")), line
+
+
+def test_reference_has_every_node_and_meaning(nodes: dict[str, Described]) -> None:
+    assert nodes.keys() == MODULES.keys()
+    assert all(parameter.meaning for node in nodes.values() for parameter in node.parameters)
+    text = page(nodes)
+    for name in nodes:
+        assert f"\n## {name}\n" in text
+
+
+def test_parameter_file_loads_as_defaults(nodes: dict[str, Described]) -> None:
+    assert describe_all("--params-file", str(PARAMETERS)) == nodes

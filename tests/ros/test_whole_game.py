@@ -1,6 +1,6 @@
 """A complete and a lost game over the simulated robot, from end to end, beside the golden sequence of the recorded one.
 
-Both games are played once, in lock-step; each test looks at another side of them. Times are simulated.
+Both games are played once; each test looks at another side of them. Times are simulated.
 """
 
 import json

@@ -16,7 +16,7 @@ from tests.ros.session import Session
 @pytest.fixture
 def speaker(nodes: Session) -> Loudspeaker:
     """The loudspeaker; the node is there, too."""
-    speaker = nodes.start(loudspeaker.NAME, Loudspeaker).node
+    speaker = nodes.start(loudspeaker.NAME, Loudspeaker)
     assert isinstance(speaker, Loudspeaker)
     nodes.start("audio_node")
     return speaker
@@ -37,7 +37,7 @@ def test_win_melody_plays_after_pellet_fault_2(nodes: Session, speaker: Loudspea
     nodes.publish(topics.GAME_SOUND, "win")
     nodes.advance(SOUNDS["pellet"].duration_s)
     assert speaker.played == ["pellet"]
-    nodes.within(speaker.finish, speaker)
+    nodes.within(speaker.finish)
     assert speaker.played == ["pellet", "win"]
 
 
@@ -48,7 +48,7 @@ def test_endless_melody_blocks_for_a_while_fault_12(nodes: Session, speaker: Lou
     assert speaker.played == ["pellet"]
     nodes.advance(0.2)
     assert speaker.played == ["pellet", "death"]
-    nodes.within(lambda: speaker.finish(-2), speaker)  # the end of the first comes after all: it is not the second's
+    nodes.within(lambda: speaker.finish(-2))  # the end of the first comes after all: it is not the second's
     nodes.publish(topics.GAME_SOUND, "pellet")
     nodes.advance(0.3)
     assert speaker.played == ["pellet", "death"]
@@ -69,7 +69,7 @@ def test_game_continues_silently_without_loudspeaker(nodes: Session, log: Callab
         nodes.publish(topics.GAME_SOUND, word)
     assert log().count("no action server to play") == 1
     assert nodes.node("audio_node").once.counts["no loudspeaker"] == 3
-    speaker = nodes.start(loudspeaker.NAME, Loudspeaker).node
+    speaker = nodes.start(loudspeaker.NAME, Loudspeaker)
     assert isinstance(speaker, Loudspeaker)
     nodes.publish(topics.GAME_SOUND, "win")
     assert speaker.played == ["win"]

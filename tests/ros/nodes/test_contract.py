@@ -14,28 +14,19 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import (
-    COMPOSED,
-    GAME,
-    LOCK_STEP,
-    PROCESSES,
-    REFEREE,
-    SELECTOR,
-    SIMULATOR,
-    WAIT,
-    GameSetup,
-    module_of,
-)
+from pacman_env.ros.game_nodes import GAME, LISTENERS, MODULES, SELECTOR, SIMULATOR, WATCHER
 from pacman_env.ros.message_conversion import markers_of, twist_message
 from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from tests.ros import session
 from tests.ros.session import NAMESPACE, Session
 
-NODES = (SIMULATOR, *GAME, WAIT, SELECTOR)
+WAIT = "wait_for_amcl_pose"
+NODES = (SIMULATOR, GAME, *LISTENERS, WAIT, SELECTOR, WATCHER)
+WITH_MAP = (SIMULATOR, GAME, SELECTOR)
 TEST_NODE = "last_messages_node"
-LIGHT_NODES = ("pellet_manager", "audio_node", "game_light_node", "game_event_mapper", REFEREE, WAIT)
+LIGHT_NODES = (*LISTENERS, WAIT, WATCHER)
 #: Topics that all robots of a ROS domain share.
-OF_DOMAIN = {"/clock", "/clock_owner", "/rosout", "/parameter_events"}
+OF_DOMAIN = {"/clock", "/clock_owner", "/rosout", "/parameter_events", "/diagnostics"}
 #: Parameters that rclpy declares.
 OF_ROS = ("use_sim_time", "start_type_description_service")
 HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scipy")
@@ -43,9 +34,9 @@ HEAVY = ("numba", "llvmlite", "cv2", "pymunk", "gymnasium", "onnxruntime", "scip
 
 def start(nodes: Session, name: str, **parameters: Any) -> Any:
     """Start a node of the game on the house, with power pellets."""
-    own: dict[str, Any] = {"map_yaml": "house"} if "map_yaml" in PROCESSES[name].parameters else {}
-    own |= {} if name == WAIT else {"settings": ["power.pellets=4"]}
-    return nodes.start(name, **own, **parameters).node
+    own: dict[str, Any] = {"map_yaml": "house"} if name in WITH_MAP else {}
+    own |= {} if name in (WAIT, WATCHER) else {"settings": ["power.pellets=4"]}
+    return nodes.start(name, **own, **parameters)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +45,7 @@ def playing(
 ) -> Iterator[tuple[str, Session]]:
     """A session with one node of the game, and the node's name; tests may start the node again."""
     name = str(request.param)
-    with session.nodes(tmp_path_factory.mktemp(name), gives_time=name != SIMULATOR) as nodes:
+    with session.nodes(tmp_path_factory.mktemp(name)) as nodes:
         start(nodes, name)
         nodes.advance(0.05)
         yield name, nodes
@@ -69,7 +60,7 @@ def test_parameters_are_described_and_numbers_may_be_integers(playing: tuple[str
     assert all(one.description for one in described.values())
     floats = [key for key, one in own.items() if one.type_ is Parameter.Type.DOUBLE]
     given: dict[str, Any] = {key: math.ceil(described[key].floating_point_range[0].from_value) for key in floats}
-    if name == SELECTOR:
+    if name in (GAME, SELECTOR):
         given["home"] = [1, 0, 2]
     nodes.kill(name)
     again = start(nodes, name, **given)
@@ -100,33 +91,30 @@ STAMP = Header().stamp
 BAD_STOPS = ("release", "{}", '{"stopped": 0, "at": 99, "who": "", "by": ""}', "[" * 500, "x" * 2000)
 BAD_SPEEDS = (math.nan, -1.0, math.inf)
 BAD_POSES = (pose(math.nan), pose(1.0, frame="odom"), pose(1.0, w=0.0), pose(1e9))
+OTHER_FRAME = markers_of({5: (1.0, 0.0)}, STAMP)
+OTHER_FRAME.markers[1].header.frame_id = "odom"
 BAD_MARKERS = (
     topics.PELLET_MARKERS.type(markers=markers_of({5: (0.0, 0.0)}, STAMP).markers * 10_001),
     markers_of({-1: (0.0, 0.0)}, STAMP),
     markers_of({5: (math.nan, 0.0)}, STAMP),
-    markers_of({5: (1.0, 0.0)}, STAMP, frame="odom"),
+    OTHER_FRAME,
 )
 BAD: list[tuple[str, topics.Topic, Sequence[Any]]] = [
     ("audio_node", topics.GAME_SOUND, ("beep", "", "x" * 10_000, "beep")),
     ("game_light_node", topics.GAME_LIGHT, ("green", "\x00" * 3, "purple" * 1000)),
     ("game_event_mapper", topics.OPERATOR_STOP, BAD_STOPS),
-    ("pellet_manager", topics.REMOVE_PELLET, (-1, 99, 2**31 - 1, -(2**31), 99)),
-    ("clyde_ghost_node", topics.AMCL_POSE, BAD_POSES),
-    ("clyde_ghost_node", topics.CLYDE_SPEED, BAD_SPEEDS),
+    (GAME, topics.AMCL_POSE, BAD_POSES),
     (
-        "clyde_ghost_node",
+        GAME,
         topics.CLICKED_POINT,
         (click(math.nan, 0.0), click(0.0, math.inf), click(500.0, 500.0), click(1.0, 0.0, "base_link")),
     ),
-    ("clyde_ghost_node", topics.HARMLESS_GHOSTS, ([], [1.0], [1.0, math.nan], [1.0, -1.0])),
-    (REFEREE, topics.GAME_STATUS, ("ä" * 5000,) * 3),
-    (REFEREE, topics.PELLET_MARKERS, BAD_MARKERS),
-    (REFEREE, topics.BASE_CLYDE_SPEED, (*BAD_SPEEDS, 1e30)),
-    (REFEREE, topics.OPERATOR_STOP, BAD_STOPS),
+    (SELECTOR, topics.PELLET_MARKERS, BAD_MARKERS),
+    (GAME, topics.BASE_CLYDE_SPEED, (*BAD_SPEEDS, 1e30)),
+    (GAME, topics.OPERATOR_STOP, BAD_STOPS),
     (WAIT, topics.AMCL_POSE, BAD_POSES),
     (SELECTOR, topics.AMCL_POSE, BAD_POSES),
     (SELECTOR, topics.OPERATOR_STOP, BAD_STOPS),
-    (SELECTOR, topics.GHOSTS_CAUGHT, (-1, -(2**31))),
     (SELECTOR, topics.ROUND, (0, -1)),
     (SELECTOR, topics.GAME_COMMAND, ("", "jump", "x" * 5000)),
     (SIMULATOR, topics.CMD_VEL, (twist_message(math.nan, 0.0, STAMP),) * 3),
@@ -169,9 +157,11 @@ REFUSED: list[tuple[str, list[str], str]] = [
     ("game_event_mapper", arguments(settings="[clyde.sped=1]"), "clyde.sped"),
     ("game_event_mapper", arguments(settings="[clyde.speed_mps]"), "clyde.speed_mps"),
     ("game_event_mapper", arguments(settings="clyde.speed_mps=1"), "settings"),
-    ("pellet_manager", arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
-    ("pellet_manager", arguments(map_yaml="/dev/null"), "/dev/null"),
+    (SIMULATOR, arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
+    (SIMULATOR, arguments(map_yaml="/dev/null"), "/dev/null"),
     (WAIT, arguments(timeout_s=-1.0), "timeout_s"),
+    (GAME, arguments(**HOUSE, policy="bold"), "unknown policy 'bold'"),
+    (GAME, arguments(**HOUSE, selector="mine"), "selector = 'mine'"),
     (SELECTOR, arguments(**HOUSE, policy="bold"), "unknown policy 'bold'"),
     (SELECTOR, arguments(map_yaml="nowhere.yaml"), "nowhere.yaml"),
     (SELECTOR, arguments(**HOUSE, home="[1.0, 2.0]"), "home: 2 numbers"),
@@ -187,26 +177,14 @@ REFUSED: list[tuple[str, list[str], str]] = [
     (SIMULATOR, arguments(**BASE, odometry_hz=30), "must be 0 or one of 20, 40, 50, 100"),
     (SIMULATOR, arguments(**BASE, dock="here"), "must be x,y,heading"),
     (SIMULATOR, arguments(**BASE, fault="pose_lost"), "needs the simulated AMCL"),
-    (COMPOSED, [], "0 arguments: the setup of the game alone is needed"),
-    (COMPOSED, ["{}"], "no setup of a game"),
-    (COMPOSED, [GameSetup("nowhere", sim=True, composed=True).as_json()], "nowhere"),
-    (LOCK_STEP, [], "0 arguments: the setup of the game alone is needed"),
-    (LOCK_STEP, ["nonsense"], "Expecting value"),
-    (LOCK_STEP, [json.dumps({**json.loads(GameSetup("house", sim=True).as_json()), "map": "no_map"})], "no_map"),
-    (LOCK_STEP, [GameSetup("house").as_json()], "only with a simulated robot"),
 ]
-MAINS = {
-    TEST_NODE: f"tests.ros.{TEST_NODE}",
-    COMPOSED: "pacman_env.ros.composed",
-    LOCK_STEP: "pacman_env.ros.lock_step.__main__",
-}
 
 
 @pytest.mark.parametrize(("name", "words", "reason"), REFUSED, ids=[f"{one[0]}-{one[2]}" for one in REFUSED])
 def test_bad_arguments_end_node_with_one_line(
     domain: int, capfd: pytest.CaptureFixture[str], name: str, words: list[str], reason: str
 ) -> None:
-    main = import_module(MAINS.get(name) or module_of(name)).main
+    main = import_module(f"tests.ros.{name}" if name == TEST_NODE else MODULES[name]).main
     assert main(words) == 2
     said = capfd.readouterr().err
     (line,) = [line for line in said.splitlines() if not line.startswith("[")]  # but for those of the log
@@ -217,7 +195,7 @@ def test_bad_arguments_end_node_with_one_line(
 def test_light_nodes_import_nothing_heavy() -> None:
     code = f"""
 import importlib, json, sys
-for module in {[module_of(name) for name in LIGHT_NODES]!r}:
+for module in {[MODULES[name] for name in LIGHT_NODES]!r}:
     importlib.import_module(module)
 import pacman_env.game.pellets, pacman_env.world.maps.occupancy
 pellets = pacman_env.game.pellets.generate_pellets(

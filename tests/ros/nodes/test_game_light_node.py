@@ -27,12 +27,18 @@ def rings(nodes: Session) -> list[tuple[Any, bool]]:
     ]
 
 
+def start(nodes: Session) -> None:
+    """Start the node, which first switches the ring off."""
+    nodes.start(NAME)
+    nodes.clear()
+
+
 def of(colour: str) -> tuple[Any, bool]:
     return (COLOURS[colour],) * 6, True
 
 
 def test_colour_is_repeated_once_a_second(nodes: Session) -> None:
-    nodes.start(NAME)
+    start(nodes)
     nodes.publish(topics.GAME_LIGHT, "blue")
     nodes.advance(3.3)
     assert rings(nodes) == [of("blue")] * 4, "at once, and then once a second"
@@ -40,7 +46,7 @@ def test_colour_is_repeated_once_a_second(nodes: Session) -> None:
 
 @pytest.mark.parametrize("word", ["win", "clyde killed"])
 def test_show_of_win_and_death_ends_fault_3(nodes: Session, word: str) -> None:
-    nodes.start(NAME)
+    start(nodes)
     nodes.publish(topics.GAME_LIGHT, word)
     begin_s = nodes.now_s
     nodes.advance(LIGHTS[word].duration_s(ShowConfig()) + 0.5)
@@ -53,7 +59,7 @@ def test_show_of_win_and_death_ends_fault_3(nodes: Session, word: str) -> None:
 
 
 def test_ring_is_released_at_end_fault_13(nodes: Session) -> None:
-    nodes.start(NAME)
+    start(nodes)
     nodes.publish(topics.GAME_LIGHT, "pacman")
     nodes.advance(0.5)
     assert len(rings(nodes)) > 2

@@ -1,47 +1,43 @@
-"""What the page over ROS is made of, without a game: the stop's word, the wheels, maps and scans as pictures, news."""
+"""What the page over ROS is made of, without a game: the stop's word, maps and scans as pictures."""
 
 import json
 import math
-import time
-from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from nav_msgs.msg import Odometry
 
-from pacman_env.config import make_config
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
-from pacman_env.ros.operator_page.ros_driving import Wheels
-from pacman_env.ros.operator_page.ros_view import preset_of
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.web.game_interface import MOST_NEWS, News
-from pacman_env.web.roles import DEAD_MAN_S
+from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.world.maps.occupancy import load_map
+from tests.ros import session
 from tests.ros.session import Session
-from tests.waiting import wait_for
 
 
 class Obeying(BaseNode):
     """A node with the operator's stop, and what it was told."""
 
-    def __init__(self, name: str, obeys: bool) -> None:
-        super().__init__(name)
+    def __init__(self, name: str, obeys: bool, **options: Any) -> None:
+        super().__init__(name, **options)
         self.told: list[tuple[bool, str]] = []
         self.stop = OperatorStop(self, lambda stopped, who: self.told.append((stopped, who)), obeys)
 
 
 def join(nodes: Session, name: str, obeys: bool = True) -> Obeying:
-    node = nodes.start(name, lambda: Obeying(name, obeys)).node
+    node = nodes.start(name, lambda **options: Obeying(name, obeys, **options))
     assert isinstance(node, Obeying)
     return node
 
 
 def request(nodes: Session, node: Obeying, stopped: bool, who: str) -> None:
-    nodes.within(lambda: node.stop.request(stopped, who), node)
+    nodes.within(lambda: node.stop.request(stopped, who))
 
 
 def publish(nodes: Session, stopped: bool, at: int) -> None:
@@ -102,47 +98,18 @@ def test_stop_wins_over_release_of_same_time(nodes: Session) -> None:
     assert planner.stop.stopped
 
 
-@pytest.fixture
-def wheels() -> Iterator[tuple[Wheels, list[tuple[float, float]]]]:
-    said: list[tuple[float, float]] = []
-    wheels = Wheels(lambda v, omega: said.append((v, omega)))
-    yield wheels, said
-    wheels.close()
-
-
-def test_drive_ends_half_a_second_after_last_word(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
-    own, said = wheels
-    began = time.monotonic()
-    assert own.drive(0.2, 0.1)
-    wait_for(lambda: said[-1] == (0.0, 0.0))
-    assert time.monotonic() - began >= DEAD_MAN_S
-    assert said[0] == (0.2, 0.1)
-    assert not own.driven
-    wait_for(lambda: said.count((0.0, 0.0)) >= 5)  # one may be lost
-
-
-def test_stop_is_repeated_and_nobody_drives(wheels: tuple[Wheels, list[tuple[float, float]]]) -> None:
-    own, said = wheels
-    assert own.drive(0.2, 0.0)
-    own.stop()
-    assert said[-1] == (0.0, 0.0)
-    count = len(said)
-    assert not own.drive(0.2, 0.0)
-    wait_for(lambda: len(said) > count + 5)
-    assert set(said[count:]) == {(0.0, 0.0)}
-    own.release()
-    assert own.drive(0.1, 0.0)
-    own.end_drive()
-    assert said[-1] == (0.0, 0.0)
-
-
-def test_closing_wheels_stops_robot_and_refuses_driving() -> None:
-    said: list[tuple[float, float]] = []
-    own = Wheels(lambda v, omega: said.append((v, omega)))
-    own.drive(0.2, 0.0)
-    own.close()
-    assert said[-1] == (0.0, 0.0)
-    assert not own.drive(0.2, 0.0)
+def test_message_before_first_clock_has_no_age(domain: int, tmp_path: Path) -> None:
+    waited: list[float] = []
+    with session.nodes(tmp_path) as nodes:
+        nodes.clock_runs = False
+        node = nodes.start("page", lambda **options: BaseNode("page", **options))
+        queue = MessageQueue(node, topics.ODOMETRY, lambda message, waited_s: waited.append(waited_s), node.now_s)
+        nodes.publish(topics.ODOMETRY, Odometry())
+        nodes.clock_runs = True
+        nodes.advance(0.05)
+        nodes.publish(topics.ODOMETRY, Odometry())
+        queue.catch_up()
+    assert waited == [0.0]
 
 
 def test_map_becomes_picture_of_its_file() -> None:
@@ -174,25 +141,3 @@ def test_ray_0_is_ahead_wherever_lidar_looks() -> None:
     turned = rays_of(scan, -math.pi / 3)
     assert turned[0] == 2.0
     assert np.isfinite(turned).sum() == 3
-
-
-def test_news_keeps_only_the_newest_reason() -> None:
-    news = News()
-    for number in range(MOST_NEWS):
-        news.add(why={"goal": number})
-        news.add(words=str(number))
-    last = news.after(0)
-    assert len(last) == MOST_NEWS
-    assert sum("why" in one for one in last) == 1
-    assert last[-1]["number"] == 2 * MOST_NEWS
-    assert [one["words"] for one in news.after(2 * MOST_NEWS - 2) if "words" in one] == [str(MOST_NEWS - 1)]
-
-
-def test_configuration_is_described_by_preset_and_differences() -> None:
-    def text(*arguments: Any, **fields: Any) -> str:
-        return json.dumps(make_config(*arguments, **fields).as_dict())
-
-    assert preset_of(text("robot")) == ("robot", {})
-    assert preset_of(text("ideal", "as_built")) == ("ideal, as_built", {})
-    assert preset_of(text("robot", **{"clyde.speed_mps": 0.1})) == ("robot", {"clyde.speed_mps": 0.1})
-    assert preset_of('{"of": "another version"}')[0] in ("", "robot", "ideal", "robot, as_built", "ideal, as_built")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def game(domain: int, tmp_path: Path) -> Iterator[Game]:
-    """What is around a goal selector, in lock-step; the test starts the node."""
+    """What is around a goal selector; the test starts the node."""
     from tests.ros import session
     from tests.ros.selector_game import Game
 
@@ -26,9 +26,9 @@ def game(domain: int, tmp_path: Path) -> Iterator[Game]:
 @pytest.fixture
 def played(domain: int, tmp_path: Path) -> Iterator[Played]:
     """A round that has begun, with a Clyde that is no danger."""
-    from pacman_env.ros.game_nodes import SELECTOR
+    from pacman_env.ros.game_nodes import GAME
     from tests.ros import session
     from tests.ros.played_round import SETTINGS, Played
 
-    with session.game(tmp_path, settings=SETTINGS, extra={SELECTOR: {"diagnostics_rate": 5.0}}) as nodes:
+    with session.game(tmp_path, settings=SETTINGS, extra={GAME: {"diagnostics_rate": 5.0}}) as nodes:
         yield Played(nodes)

@@ -7,7 +7,7 @@ from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import BadMessage, pose_message, transform_message
-from pacman_env.ros.selector.believed_pose import BelievedPose
+from pacman_env.ros.selector.robot_pose import BelievedPose
 
 
 def stamp(seconds: float) -> Any:

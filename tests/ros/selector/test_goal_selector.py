@@ -13,19 +13,23 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from std_msgs.msg import Header
 
+from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.message_conversion import pose_message, seconds_of
+from pacman_env.ros.selector import goal_selector_node
+from pacman_env.ros.selector.goal_selector_node import GoalSelectorNode
+from tests.ros.direct_policy import DirectPolicy
 from tests.ros.selector_game import FAR_AWAY, QUICK, Game, house, number_of_slot, pellet, slot_of
+from tests.ros.session import Session
 
 
-def test_killed_node_forgets_fright_and_continues_count(game: Game) -> None:
+def test_killed_node_forgets_fright(game: Game) -> None:
     nodes, settings = game.session, [*QUICK, "power.pellets=1"]
     nodes.record(topics.HARMLESS_GHOSTS)
     game.power = {number_of_slot(0)}
     game.start(settings=settings)
     game.begin()
-    nodes.publish(topics.GHOSTS_CAUGHT, 0)
     game.running_goal(1)
     assert not any(nodes.last(topics.HARMLESS_GHOSTS).data)
     game.stand(*pellet(0))
@@ -36,19 +40,9 @@ def test_killed_node_forgets_fright_and_continues_count(game: Game) -> None:
     game.status("ghost_caught:1:clyde")
     harmless, away = nodes.last(topics.HARMLESS_GHOSTS).data
     assert harmless == away == pytest.approx(seconds_of(nodes.stamp()) + 5.0, abs=0.5)
-    nodes.publish(topics.GHOSTS_CAUGHT, 1)
-    game.clyde(*FAR_AWAY)
     nodes.kill(SELECTOR)
     game.start(settings=settings)
     assert not any(nodes.last(topics.HARMLESS_GHOSTS).data)
-    nodes.publish(topics.GHOSTS_CAUGHT, 1)
-    game.power = set(game.left)
-    game.clyde(*FAR_AWAY)
-    game.pellets(number_of_slot(0))
-    game.stand(*pellet(1))
-    game.status(f"pellet_collected:{number_of_slot(1)}")
-    game.clyde(*pellet(1))
-    game.status("ghost_caught:2:clyde")
 
 
 def test_node_started_in_round_continues_it(game: Game) -> None:
@@ -90,17 +84,38 @@ def test_goals_of_killed_node_are_cancelled(game: Game, state: str) -> None:
 def test_shadow_decides_and_sends_nothing(game: Game, log: Callable[[], str]) -> None:
     game.start(shadow=True)
     game.begin()
-    chosen = game.session.wait_for(lambda: re.search(r"shadow: goal 1: pellet (\d+)", log()), what="a decision")
+    chosen = game.session.wait_for(lambda: re.search(r"goal 1: pellet (\d+)", log()), what="a decision")
     assert chosen is not None
     x, y = game.left[int(chosen[1])]
     game.stand(x, y)
     game.session.wait_for(lambda: f"shadow: status pellet_collected:{chosen[1]}" in log(), what="a pellet")
-    game.session.wait_for(lambda: "shadow: goal 2" in log(), what="the next goal")
-    game.clyde(x, y)
+    game.session.wait_for(lambda: "goal 2" in log(), what="the next goal")
+    for slot in (0, 5, 0, 5):  # the nearest pellet changes, and the goals before end as with Nav2
+        game.stand(*pellet(slot))
+        game.session.advance(12.0)
+    assert "goal 3" in log()
+    assert "shadow: cancel" not in log()
+    game.clyde(*pellet(5))
     game.session.wait_for(lambda: "shadow: status death_detected" in log(), what="death")
     game.session.stop(SELECTOR)
     assert not game.nav2.goals
     assert not game.session.on(topics.GAME_STATUS, topics.GAME_EVENT, topics.REMOVE_PELLET, topics.CMD_VEL)
+
+
+@pytest.mark.parametrize("name", ["goal_selector", "shadow"])
+def test_command_passes_options_to_node(nodes: Session, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    words: list[str] = []
+    monkeypatch.setattr(goal_selector_node, "main", lambda argv: words.extend(argv) or 0)
+    options = "--map house --policy nearest --namespace lab/r2 --sim --set clyde.speed_mps=0.1 --home 0.1 0 0.5"
+    shadow = ["--shadow"] if name == "shadow" else []
+    assert cli.main(["ros", "goal_selector", *options.split(), *shadow]) == 0
+    node = nodes.add_node(lambda **options: GoalSelectorNode(DirectPolicy, **{**options, "cli_args": words}))
+    assert node.get_fully_qualified_name() == f"/lab/r2/{name}"
+    assert node.config.clyde.speed_mps == 0.1
+    assert node.get_parameter("home").value == [0.1, 0.0, 0.5]
+    assert [node.get_parameter(one).value for one in ("policy", "use_sim_time")] == ["nearest", True]
+    driven = node.count_publishers("/lab/r2/cmd_vel"), node.count_publishers("/lab/r2/game_status")
+    assert driven == ((0, 0) if shadow else (1, 1))
 
 
 def set_policy(game: Game, value: str) -> Any:

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import GAME
 from pacman_env.ros.message_conversion import pose_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.world.maps.occupancy import load_map
@@ -60,13 +61,15 @@ def test_carried_robot_stands_until_person_answers(played: Played) -> None:
     nodes.wait_for(lambda: nodes.values(topics.SCORE)[-1] > score, 120, "the next pellet")
 
 
-def test_jump_outlives_killed_goal_selector(played: Played) -> None:
+def test_jump_outlives_killed_game(played: Played) -> None:
     nodes = played.nodes
 
     def restart() -> None:
-        """Kill the node, and wait for the one that is started in its place."""
-        nodes.game.kill("goal_selector")
+        """Kill the game, and start another process in its place."""
+        nodes.kill(GAME)
         nodes.clear(topics.DIAGNOSTICS)
+        nodes.advance(3.0)
+        nodes.start(GAME)
         nodes.wait_for(lambda: nodes.values(topics.DIAGNOSTICS), 30, "the node")
 
     carry(played)

@@ -29,6 +29,5 @@ def test_queue_keeps_newest_messages_in_order(probe: Probe) -> None:
     assert all(shortest_s <= waited_s <= time.monotonic() - began for _, waited_s in taken)
     waiting.catch_up()
     assert len(taken) == len(WORDS) - 2
-    waiting.destroy()
     probe.executor.remove_node(node)
     node.destroy_node()

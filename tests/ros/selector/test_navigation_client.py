@@ -18,8 +18,8 @@ PLACE = (1.0, 2.0, 0.0)
 class Asker(BaseNode):
     """A node with a client, and what that has said."""
 
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
         self.words: list[tuple[Any, ...]] = []
         self.client = NavigationClient(
             self,
@@ -30,17 +30,17 @@ class Asker(BaseNode):
 
 
 def start_nav2(nodes: Session, *script: str) -> ScriptedNav2:
-    nav2 = nodes.start(scripted_nav2.NAME, lambda: ScriptedNav2(*script)).node
+    nav2 = nodes.start(scripted_nav2.NAME, lambda **options: ScriptedNav2(*script, **options))
     assert isinstance(nav2, ScriptedNav2)
     return nav2
 
 
 def start_asker(nodes: Session, name: str = "asker") -> tuple[Asker, Callable[..., Any]]:
     """The node, and what calls a method of its client."""
-    asker = nodes.start(name, lambda: Asker(name)).node
+    asker = nodes.start(name, lambda **options: Asker(name, **options))
     assert isinstance(asker, Asker)
     assert asker.client.ready
-    return asker, lambda method, *arguments: nodes.within(lambda: getattr(asker.client, method)(*arguments), asker)
+    return asker, lambda method, *arguments: nodes.within(lambda: getattr(asker.client, method)(*arguments))
 
 
 def test_goal_without_acceptance_can_be_cancelled(nodes: Session, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,7 +58,7 @@ def test_goal_without_result_ends_by_status(nodes: Session, monkeypatch: pytest.
     nav2, (asker, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
     do("end_without_results")
-    nodes.within(lambda: nav2.succeed(nav2.goals[0]), nav2)
+    nodes.within(lambda: nav2.succeed(nav2.goals[0]))
     do("end_without_results")  # a result comes after its status, as a rule
     assert asker.words == [("accepted", 1)]
     do("end_without_results")
@@ -88,7 +88,8 @@ def test_nothing_drives_at_rest_after_lost_acceptance(nodes: Session, monkeypatc
     nav2, (_, do) = start_nav2(nodes), start_asker(nodes)
     do("send", 1, PLACE)
     assert nav2.running()
-    assert do("finish").done()
+    (all_ended,) = do("finish")
+    assert all_ended.done()
     assert not nav2.running()
 
 
@@ -99,7 +100,7 @@ def test_cancel_of_unaccepted_goal_ends_nothing(nodes: Session) -> None:
     do("cancel", 1)
     nodes.advance(5.0)
     assert asker.words == []
-    nodes.within(nav2.let_in, nav2)
+    nodes.within(nav2.let_in)
     assert asker.words == [("accepted", 1)]
     do("cancel", 1)
     assert asker.words == [("accepted", 1), ("finished", 1, GoalStatus.STATUS_CANCELED)]

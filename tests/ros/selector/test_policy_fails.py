@@ -21,15 +21,15 @@ class Wilful(Nearest):
 
     name = "wilful"
     fault: ClassVar[str] = ""
-    nodes: ClassVar[Any] = None  # a session, whose wall clock a slow policy advances
 
     def scores(self, situation: Any) -> Any:
         if self.fault == "raises":
             raise LookupError("no such goal")
-        if self.fault == "slow":
-            self.nodes.game.wall.advance(2_000_000_000)
         scores = super().scores(situation)
         return np.full_like(scores, np.nan) if self.fault == "NaN" else scores
+
+    def select(self, situation: Any) -> Any:
+        return np.full(len(situation), 999) if self.fault == "other" else super().select(situation)
 
     def reset(self, games: Any, config: Any) -> None:
         super().reset(games, config)
@@ -41,7 +41,6 @@ class Wilful(Nearest):
 def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game]:
     """A round that has begun."""
     with session.nodes(tmp_path_factory.mktemp("game")) as nodes:
-        Wilful.nodes = nodes
         begun = Game(nodes)
         begun.start(policy=f"{__name__}:Wilful")
         begun.begin()
@@ -54,7 +53,7 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
     [
         ("raises", "LookupError: no such goal"),
         ("NaN", "is NaN"),
-        ("slow", "takes more than 1 s"),
+        ("other", "999"),
         ("reset", "LookupError: nothing to forget"),
     ],
 )

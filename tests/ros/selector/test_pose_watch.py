@@ -7,9 +7,8 @@ from builtin_interfaces.msg import Time
 
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import Pose, transform_message
-from pacman_env.ros.selector.believed_pose import BelievedPose
-from pacman_env.ros.selector.pose_watch import PoseLimits, PoseWatch
 from pacman_env.ros.selector.reasons import POSE_JUMPED, POSE_LOST
+from pacman_env.ros.selector.robot_pose import BelievedPose, PoseLimits, PoseWatch
 from pacman_env.world.navigation.localization import compose, inverse
 
 

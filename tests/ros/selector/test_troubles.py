@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
+from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.game_nodes import SELECTOR
 from pacman_env.ros.message_conversion import markers_of, transform_message
-from pacman_env.ros.node import GameNode
 from pacman_env.ros.selector.reasons import GHOST_LOST
 from tests.ros.selector_game import FAR_AWAY, Game, pellet
 from tests.ros.session import Session
@@ -38,12 +39,6 @@ def other_pellets(game: Game) -> None:
     game.say(topics.PELLET_MARKERS, markers_of(foreign, game.session.stamp()))
 
 
-def nav2_gone(game: Game) -> None:
-    game.end_nav2()
-    game.session.advance(1.0)
-    game.start_nav2()
-
-
 #: What goes wrong and is over again, by the name of the trouble.
 OVER: dict[str, Callable[[Game], None]] = {
     "bad amcl_pose": bad_pose,
@@ -51,13 +46,13 @@ OVER: dict[str, Callable[[Game], None]] = {
     "bad game_command": lambda game: game.say(topics.GAME_COMMAND, "jump"),
     "bad game_state": lambda game: game.say(topics.GAME_STATE, "jump"),
     "bad clyde/speed": lambda game: game.say(topics.CLYDE_SPEED, -1.0),
-    "bad game/pellets_collected": lambda game: game.say(topics.PELLETS_COLLECTED, -5),
+    "bad game/round": lambda game: game.say(topics.ROUND, -5),
     "bad tf": lambda game: bad_transform(game, topics.TF),
     "bad tf_static": lambda game: bad_transform(game, topics.TF_STATIC),
     "bad stop": lambda game: game.say(topics.OPERATOR_STOP, "jump"),
     "off the map": off_the_map,
     "unknown pellets": other_pellets,
-    "no Nav2": nav2_gone,
+    "no Nav2": lambda game: game.end_nav2(),
 }
 
 
@@ -71,6 +66,7 @@ def test_trouble_leaves_list_when_it_is_over(game: Game) -> None:
         game.condition(lambda c, trouble=trouble: trouble in c["troubles"], trouble)
         game.pellets()
         game.clyde(*FAR_AWAY)
+    game.start_nav2()
     game.session.advance(LONGEST_S)
     assert not OVER.keys() & game.condition()["troubles"].keys()
 
@@ -107,11 +103,11 @@ def test_robot_holds_until_lost_ghost_returns(game: Game) -> None:
     game.status("death_detected")
 
 
-class Peer(GameNode):
+class Peer(ConfiguredNode):
     """Another node of the game."""
 
-    def __init__(self) -> None:
-        super().__init__("peer")
+    def __init__(self, **options: Any) -> None:
+        super().__init__("peer", **options)
 
 
 def test_other_configuration_is_trouble_until_node_agrees(game: Game) -> None:

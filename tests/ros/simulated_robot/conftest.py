@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def make_robot(domain: int, tmp_path: Path) -> Iterator[Callable[..., Robot]]:
-    """Makes the node in the two rooms, in lock-step, with the parameters given; it gives the time."""
+    """Makes the node in the two rooms with the parameters given; it gives the time."""
     from tests.ros import session
     from tests.ros.simulated_robot.driven import Robot
 
     with ExitStack() as stack:
 
         def make(**parameters: object) -> Robot:
-            robot = stack.enter_context(session.nodes(tmp_path, gives_time=False, session=Robot))
+            robot = stack.enter_context(session.nodes(tmp_path, session=Robot))
             robot.begin(**parameters)
             return robot
 

@@ -1,4 +1,4 @@
-"""The simulated robot's node in the two drawn rooms, in lock-step, and goals sent to it."""
+"""The simulated robot's node in the two drawn rooms, and goals sent to it."""
 
 import json
 from typing import Any
@@ -66,8 +66,8 @@ class Robot(Session):
         self.client = topics.NAVIGATE_TO_POSE.client(self.observer)
         self.advance(0.05)
 
-    def goal(self, x: float, y: float, **changes: Any) -> Goal:
-        pose = pose_message(x, y, 0.0, self.stamp(), **changes)
+    def goal(self, x: float, y: float) -> Goal:
+        pose = pose_message(x, y, 0.0, self.stamp())
         return Goal(self, self.client, topics.NAVIGATE_TO_POSE.type.Goal(pose=pose))
 
     def succeeds(self, x: float, y: float) -> bool:

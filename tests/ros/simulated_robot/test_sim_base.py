@@ -114,20 +114,15 @@ def test_slow_docking_is_aborted_and_docking_cancelled(make_robot: Make) -> None
     assert again.speed() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_battery_empties_and_charges_on_dock(make_robot: Make) -> None:
-    base = make_robot(**BASE, settings=EXACT, charge=0.5)
+@pytest.mark.parametrize(("dock", "per_s"), [("", -5.634e-5), ("home", 1.2658e-4)])
+def test_battery_empties_and_charges_on_dock(make_robot: Make, dock: str, per_s: float) -> None:
+    base = make_robot(**BASE, settings=EXACT, dock=dock, charge=0.5)
     base.clear()
     base.advance(10.0)
-    charges = [message.percentage for message in base.messages(topics.BATTERY_STATE)]
-    assert len(charges) == 10
-    assert charges[0] - charges[-1] == pytest.approx(9.0 * 5.634e-5, rel=0.01)
-    assert base.last(topics.BATTERY_STATE).current < 0.0
-    base.kill("sim_robot")
-    docked = make_robot(**BASE, settings=EXACT, dock="home", charge=0.5)
-    docked.clear()
-    docked.advance(10.0)
-    charges = [message.percentage for message in docked.messages(topics.BATTERY_STATE)]
-    assert charges[-1] - charges[0] == pytest.approx(9.0 * 1.2658e-4, rel=0.01)
+    messages = base.messages(topics.BATTERY_STATE)
+    assert len(messages) == 10
+    assert messages[-1].percentage - messages[0].percentage == pytest.approx(9.0 * per_s, rel=0.01)
+    assert messages[-1].current * per_s > 0.0
 
 
 def test_odometry_does_not_notice_slipping_wheels(base: Robot) -> None:
@@ -165,4 +160,4 @@ def test_faults_of_what_is_not_simulated_are_refused(base: Robot, log: Callable[
         base.publish(FAULT, text)
         assert json.loads(base.values(FAULTS_NOW)[-1]) == []
     assert "needs the simulated AMCL (parameter localization)" in log()
-    assert base.troubles["sim/fault ignored"] == 6
+    assert base.troubles["bad fault"] == 6

@@ -21,7 +21,7 @@ QUICK = ("--set", "show.start_s=0", "--set", "clyde.speed_mps=0")
 @pytest.mark.parametrize("most", [["--rounds", "2"], pytest.param(["--play-on"], marks=pytest.mark.daily)])
 def test_simulated_game_plays_round_after_round(domain: int, tmp_path: Path, most: list[str]) -> None:
     ground = str(part_of_map("loop", 3.0).save(tmp_path / "ground.yaml"))
-    words = ["--map", ground, "--policy", "nearest", "--sim", "--lock-step", "--seed", "3", *most, *QUICK]
+    words = ["--map", ground, "--policy", "nearest", "--sim", "--speed", "10", *most, *QUICK]
     terminal = Terminal([*COMMAND, "up", *words, "--logs", str(tmp_path / "logs")])
     if "--play-on" in most:
         terminal.wait_for(lambda: terminal.shows(r"running +round 3"), "three rounds")
@@ -56,7 +56,7 @@ except KeyboardInterrupt as interrupt:
 MOMENTS = {
     "begun": ("", "begun"),
     "importing ROS": ("rclpy", "reached"),
-    "joining": ("geometry_msgs.geometry_msgs_s__rosidl_typesupport_c", "reached"),
+    "joining": ("std_msgs.std_msgs_s__rosidl_typesupport_c", "reached"),
     "going on": ("", ""),
 }
 

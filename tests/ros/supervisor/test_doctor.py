@@ -13,25 +13,24 @@ from typing import Any
 
 import pytest
 import rclpy
+from geometry_msgs.msg import PoseWithCovariance
 from lifecycle_msgs.srv import GetState
 from rclpy.time import Time
-from std_srvs.srv import Trigger
+from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import pose_message, transform_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
-from pacman_env.ros.supervisor.checks import CHECKS, examine
-from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding, Source
+from pacman_env.ros.supervisor.checks import examine
+from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding
 from pacman_env.ros.supervisor.checks.game import CLOUDS
-from pacman_env.ros.supervisor.checks.robot import CHARGE, DOCKED
 from pacman_env.ros.supervisor.doctor import Doctor, doctor
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 from tests.ros.system import PATIENCE_S, Probe, System
 
-DOCK_STATUS = topics.Topic(DOCKED.name, DOCKED.type_name, topics.SENSOR_DATA)
-BATTERY = topics.Topic(CHARGE.name, CHARGE.type_name, topics.SENSOR_DATA)
 START_S = 240.0  # the first nodes may have to compile
 MAP = "house"
+AT_ORIGIN = (0.0, 0.0, 0.0)
 NS = "/robot_15"
 
 
@@ -39,31 +38,20 @@ def diagnose(
     domain: int,
     until: Callable[[dict[str, Finding]], bool],
     meanwhile: Callable[[], None] = lambda: None,
-    namespace: str = NS,
     map: OccupancyMap | None = None,
 ) -> dict[str, Finding]:
     """What the doctor says as soon as he says what is waited for, by check."""
     said: dict[str, Finding] = {}
-    due_s = 0.0
-    with Doctor(namespace, domain, map, "" if map is None else map.name, False, PATIENCE_S) as node:
+    with Doctor(NS, domain, map, "" if map is None else map.name, False, PATIENCE_S) as node:
 
         def look() -> bool:
+            meanwhile()
             said.clear()
             said.update({finding.check: finding for finding in examine(node.observations())})
             return until(said)
 
-        def enough() -> bool:
-            nonlocal due_s
-            meanwhile()
-            if time.monotonic() < due_s:
-                return False
-            due_s = time.monotonic() + 0.3
-            return look()
-
-        node.observe(enough)
-        if not until(said):  # all is settled since the last look
-            look()
-    assert until(said), "\n".join(f"{f.status} {f.check}: {f.summary}" for f in said.values())
+        node.observe(look)
+        assert until(said) or look(), "\n".join(f"{f.status} {f.check}: {f.summary}" for f in said.values())
     return said
 
 
@@ -79,73 +67,59 @@ class FakeRobot:
         self.behind_s = 0.0  # its clocks
         self.docked, self.charge, self.active = False, 0.9, True
         self._due_s = 0.0
-        self._nodes = []
+        self.costmaps = []
         for costmap in ("local_costmap", "global_costmap"):
             node = rclpy.create_node(costmap, namespace=f"{NS}/{costmap}", context=probe.context)
             for cloud in CLOUDS:
-                topic = dataclasses.replace(topics.CLYDE_OBSTACLE, name=f"{NS}/{cloud}")
-                topic.subscription(node, lambda message: None)
-            self._nodes.append(node)
+                dataclasses.replace(topics.CLYDE_OBSTACLE, name=f"{NS}/{cloud}").subscription(
+                    node, lambda message: None
+                )
+            self.costmaps.append(node)
         self._navigator = topics.NAVIGATE_TO_POSE.server(probe.node, lambda goal: None)
-        for manager in ("localization", "navigation"):
-            probe.node.create_service(Trigger, f"lifecycle_manager_{manager}/is_active", self._is_active)
-        probe.node.create_service(GetState, "planner_server/get_state", self._get_state)
+        for name in ("amcl", "planner_server"):
+            probe.node.create_service(GetState, f"{name}/get_state", self._get_state)
         probe.publisher(topics.MAP).publish(map_message(self.house, probe.stamp()))
-        self.static(transform_message("base_link", "rplidar_link", (0.0, 0.0, 0.0), probe.stamp()))
-        self.pose(1.0, 0.0)
-
-    def _is_active(self, request: Any, response: Any) -> Any:
-        response.success = self.active
-        return response
+        self.say(
+            topics.TF_STATIC, transforms=[transform_message("base_link", "rplidar_link", AT_ORIGIN, probe.stamp())]
+        )
+        self.pose(1.0)
 
     def _get_state(self, request: Any, response: Any) -> Any:
         response.current_state.label = "active" if self.active else "inactive"
         return response
 
-    def static(self, transform: Any) -> None:
-        self.probe.publisher(topics.TF_STATIC).publish(topics.TF_STATIC.type(transforms=[transform]))
+    def say(self, topic: topics.Topic, **fields: Any) -> None:
+        self.probe.publisher(topic).publish(topic.type(**fields))
 
-    def pose(self, x: float, y: float) -> None:
-        message = topics.AMCL_POSE.type()
-        message.header = pose_message(x, y, 0.0, self.stamp()).header
-        message.pose.pose = pose_message(x, y, 0.0, self.stamp()).pose
-        self.probe.publisher(topics.AMCL_POSE).publish(message)
+    def pose(self, x: float) -> None:
+        stamped = pose_message(x, 0.0, 0.0, self.stamp())
+        self.say(topics.AMCL_POSE, header=stamped.header, pose=PoseWithCovariance(pose=stamped.pose))
 
     def stamp(self, ahead_s: float = 0.0) -> Any:
         return Time(seconds=time.time() - self.behind_s + ahead_s).to_msg()
 
     def tick(self) -> None:
         """Answer and say what is due; ten times a second at most."""
-        probe = self.probe
         if time.monotonic() < self._due_s:
             return
         self._due_s = time.monotonic() + 0.1
         for _ in range(5):
-            probe.executor.spin_once(timeout_sec=0.0)
-        stamp, zero = self.stamp(), (0.0, 0.0, 0.0)
-        odometry = topics.ODOMETRY.type(child_frame_id="base_link")
-        odometry.header.stamp = stamp
-        probe.publisher(topics.ODOMETRY).publish(odometry)
-        transforms = [
-            transform_message("odom", "base_link", zero, stamp),
-            transform_message("map", "odom", zero, self.stamp(1.0)),
-        ]
-        probe.publisher(topics.TF).publish(topics.TF.type(transforms=transforms))
-        scan = topics.SCAN.type(range_min=0.15, range_max=12.0, scan_time=0.1)
-        scan.header.stamp, scan.header.frame_id = stamp, "rplidar_link"
-        scan.ranges = array.array("f", [2.0, 3.5, float("inf"), float("nan")] * 90)
-        probe.publisher(topics.SCAN).publish(scan)
-        probe.publisher(DOCK_STATUS).publish(DOCK_STATUS.type(is_docked=self.docked))
-        probe.publisher(BATTERY).publish(BATTERY.type(percentage=self.charge))
+            self.probe.executor.spin_once(timeout_sec=0.0)
+        header = Header(stamp=self.stamp(), frame_id="rplidar_link")
+        self.say(topics.ODOMETRY, header=header, child_frame_id="base_link")
+        base = transform_message("odom", "base_link", AT_ORIGIN, self.stamp())
+        self.say(topics.TF, transforms=[base, transform_message("map", "odom", AT_ORIGIN, self.stamp(1.0))])
+        ranges = array.array("f", [2.0, 3.5, float("inf"), float("nan")] * 90)
+        self.say(topics.SCAN, header=header, range_min=0.15, range_max=12.0, scan_time=0.1, ranges=ranges)
+        self.say(topics.DOCK_STATUS, is_docked=self.docked)
+        self.say(topics.BATTERY_STATE, percentage=self.charge)
 
-    def deaf(self) -> None:
-        """The costmaps are gone."""
-        for node in self._nodes:
-            node.destroy_node()
-        self._nodes.clear()
+    def lose_costmaps(self) -> None:
+        while self.costmaps:
+            self.costmaps.pop().destroy_node()
 
     def close(self) -> None:
-        self.deaf()
+        self.lose_costmaps()
         self._navigator.destroy()
 
 
@@ -169,16 +143,16 @@ def test_doctor_finds_ready_robot_and_each_fault(domain: int, probe: Probe, robo
     assert said["battery"].summary == "90 %"
     assert said["game's nodes"].command.startswith("pacman-env ros up --map house --namespace robot_15")
 
-    robot.deaf()
+    robot.lose_costmaps()
     robot.behind_s, robot.docked, robot.charge, robot.active = 3.0, True, 0.1, False
     other = load_map("loop")
     probe.publisher(topics.MAP).publish(map_message(other, probe.stamp()))
-    robot.pose(90.0, 0.0)
+    robot.pose(90.0)
     started_never = '{"node": "x", "started": [NaN, 1, 2], "hash": 1, "map": 2}'
     for text in ("no JSON", "[1]", '{"node": 1}', started_never, "9" * 9):
-        probe.publisher(topics.CONFIGURATION).publish(topics.CONFIGURATION.type(data=text))
-    probe.publisher(topics.DIAGNOSTICS).publish(topics.DIAGNOSTICS.type(data='{"policy": NaN, "troubles": "many"}'))
-    probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data="\x1b[2J"))
+        robot.say(topics.CONFIGURATION, data=text)
+    robot.say(topics.DIAGNOSTICS, data='{"policy": NaN, "troubles": "many"}')
+    robot.say(topics.GAME_STATE, data="\x1b[2J")
     lost = transform_message("odom", "wheel", (float("nan"), 0.0, 0.0), probe.stamp())
     summaries = {
         "time of odom": "3.",
@@ -193,7 +167,7 @@ def test_doctor_finds_ready_robot_and_each_fault(domain: int, probe: Probe, robo
 
     def broken() -> None:
         robot.tick()
-        probe.publisher(topics.TF).publish(topics.TF.type(transforms=[lost]))
+        robot.say(topics.TF, transforms=[lost])
 
     def named(found: dict[str, Finding]) -> bool:
         known = "tf to base" in found and found["tf to base"].status == OK  # not where this process was held up
@@ -266,13 +240,3 @@ def test_doctor_publishes_nothing(domain: int) -> None:
     with Doctor(NS, domain, None, "", False, 1.0) as node:
         spoken = {publisher.topic_name for publisher in node.publishers}
     assert spoken <= {"/rosout", "/parameter_events"}
-
-
-def test_sources_have_types_of_game_topics() -> None:
-    known = {one.name: one.type_name for one in vars(topics).values() if isinstance(one, topics.Topic)}
-    known |= {DOCKED.name: DOCKED.type_name, CHARGE.name: CHARGE.type_name}
-    sources = [source for check in CHECKS for source in check.sources if isinstance(source, Source)]
-    assert len(sources) > 10
-    for source in sources:
-        assert known[source.name] == source.type_name
-        assert hasattr(topics, source.qos)

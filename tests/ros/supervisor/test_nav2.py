@@ -130,7 +130,6 @@ def test_nav2_launch_file_gets_its_arguments(tmp_path: Path, monkeypatch: pytest
     ("given", "reason"),
     [
         ({"nav2": NAV2_BRINGUP}, "only with a simulated robot"),
-        ({"nav2": NAV2_BRINGUP, "sim": True, "lock_step": True}, "not be combined with lock-step"),
         ({"nav2": "no-such-command", "sim": True}, "the command no-such-command is not found"),
         ({"nav2": "ls {colour}", "sim": True}, "no command"),
         ({"nav2": "ls 'half", "sim": True}, "no command"),

@@ -23,7 +23,7 @@ import pytest
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import GAME, PAGE, SELECTOR, SIMULATOR, GameSetup
+from pacman_env.ros.game_nodes import GAME, LISTENERS, PAGE, SIMULATOR, WATCHER, GameSetup
 from pacman_env.ros.supervisor.checks.check import OK
 from pacman_env.ros.supervisor.doctor import doctor
 from tests.ros.supervisor.terminal import COLUMNS, PATIENCE_S, Terminal
@@ -65,17 +65,21 @@ def ask(*words: str) -> Answer:
     return ask_plainly(*words, "--sim")
 
 
+CHILD = b"pacman_env.ros.supervisor.child"
+
+
 def pid_of(node: str) -> int | None:
-    """The process of a node, or of the page, in this test's domain, found by its command line."""
+    """A process of the game in this test's domain, found by its command line, which its policy's process shares."""
     domain = f"ROS_DOMAIN_ID={os.environ['ROS_DOMAIN_ID']}".encode()
     (module, *_) = GameSetup("house", web=1).command(node)
+    found = []
     for folder in Path("/proc").iterdir():
         if folder.name.isdigit():
             with contextlib.suppress(OSError):  # it has just ended, or is another user's
                 words = (folder / "cmdline").read_bytes().split(b"\0")
-                if module.encode() in words and domain in (folder / "environ").read_bytes().split(b"\0"):
-                    return int(folder.name)
-    return None
+                if {module.encode(), CHILD} <= set(words) and domain in (folder / "environ").read_bytes().split(b"\0"):
+                    found.append(int(folder.name))
+    return min(found, default=None)
 
 
 @dataclass(frozen=True)
@@ -125,12 +129,12 @@ def game(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Game
     folder = tmp_path_factory.mktemp("up")
     words = ["--map", "house", "--policy", "nearest", "--sim", "--home", "0.5", "0", "1.5", "--start"]
     with free_port() as port, System(folder) as system, Probe(system) as probe:
-        probe.record(topics.GAME_STATE, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS)
+        probe.record(topics.GAME_STATE, topics.LIGHT_RING, topics.CMD_VEL, topics.DIAGNOSTICS, topics.PROCESSES)
         terminal = Terminal([*COMMAND, "up", *words, *SHOWS, "--web", str(port), "--logs", str(folder / "logs")])
         game = Game(terminal, probe)
         try:
             game.wait_for(lambda: terminal.shows(r"^running +round 1 "), "the round that begins by itself")
-            assert terminal.shows(r"^(starting: waiting for .*pellet_manager|compiling \(once\))")
+            assert terminal.shows(r"^starting(, compiling \(once\))?: waiting for ")
             assert terminal.shows(r"^game on /robot_15$")
             assert terminal.shows(r"^keys: s start, r reset, c continue, space stop, g release, q quit$")
             yield game
@@ -152,12 +156,12 @@ def quit_in_order(game: Game) -> None:
     assert not probe.messages(topics.LIGHT_RING)[-1].override_system
     last = probe.messages(topics.CMD_VEL)[-1].twist
     assert (last.linear.x, last.angular.z) == (0.0, 0.0)
-    for name in (SIMULATOR, *GAME, SELECTOR, PAGE):
+    for name in (SIMULATOR, WATCHER, GAME, PAGE):
         assert pid_of(name) is None, name
-    stopped = [line for line in terminal.lines if re.match(r"stopping \w+_\w+", line)]
-    assert re.match("stopping goal_selector, game_event_mapper ", stopped[0])
-    assert re.match("stopping sim_robot ", stopped[-1])
-    assert any("game_light_node" in line and "audio_node" in line for line in stopped[1:-1])
+    stopped = [line for line in terminal.lines if re.match(r"stopping \w+_\w+|stopping watcher", line)]
+    assert re.match(r"stopping pacman_game +\d", stopped[0])
+    assert re.match("stopping (sim_robot|watcher)", stopped[-1])
+    assert any("operator_page" in line for line in stopped[1:-1])
     assert terminal.lines[-1] == "stopped"
     assert terminal.too_long == []
     nobody = ask("status", "--wait", "1")
@@ -190,7 +194,7 @@ def test_others_start_and_reset_game(game: Game) -> None:
     facts = json.loads(answer.out)
     assert answer.status == 0, facts
     assert facts["absent"] == facts["pending"] == {"nodes": [], "values": []}
-    assert facts["nodes"] == sorted([SIMULATOR, *GAME, SELECTOR])
+    assert facts["nodes"] == sorted([SIMULATOR, GAME, *LISTENERS])
     assert None not in facts.values()
     assert facts["namespace"] == "/robot_15"
     assert facts["goal_selector"]["home"] == [0.5, 0.0, 1.5]
@@ -208,7 +212,7 @@ def test_stop_holds_robot_until_release(game: Game) -> None:
     since = len(terminal.lines)
     terminal.press("g")
     game.wait_for(lambda: terminal.shows(r"^released$", since), "the release")
-    obeying = ("game_controller", "game_event_mapper", "goal_selector", "pacman_page")
+    obeying = (GAME, "game_event_mapper", "pacman_page")
 
     def all_obey() -> bool:
         """It names those who have answered by then, and says by its status if one is missing that drives."""
@@ -218,11 +222,11 @@ def test_stop_holds_robot_until_release(game: Game) -> None:
         return stopped.status == 0 and all(name in stopped.out for name in obeying)
 
     game.wait_for(all_obey, "all to obey")
-    game.wait_for(lambda: game.stopped, "the goal selector to say so")
+    game.wait_for(lambda: game.stopped, "the game to say so")
     released = ask("release")
     assert released.status == 0
     assert released.out.startswith("released; received by ")
-    game.wait_for(lambda: not game.stopped, "the goal selector to go on")
+    game.wait_for(lambda: not game.stopped, "the game to go on")
     assert ask("release").out == "nothing was stopped\n"
 
 
@@ -246,7 +250,7 @@ def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
         game.begin_round()
         assert page.ask("stop")["ok"]
         game.wait_for(lambda: game.stopped, "the stop")
-    killed = {name: pid_of(name) for name in (PAGE, "game_light_node")}
+    killed = {name: pid_of(name) for name in (PAGE, GAME)}
     for name, pid in killed.items():
         assert pid is not None, name
         os.kill(pid, signal.SIGKILL)
@@ -254,7 +258,7 @@ def test_stop_by_page_outlives_it_until_it_is_back(game: Game) -> None:
         game.wait_for(lambda name=name: terminal.shows(rf"^{name} was killed \(SIGKILL\)"), f"the death of {name}")  # type: ignore[misc]
         game.wait_for(lambda name=name, pid=pid: pid_of(name) not in (None, pid), f"{name} to be started again")  # type: ignore[misc]
     game.wait_for(there, "the page to be back")
-    game.probe.answered_by("/robot_15/game_light_node", anew=True)
+    game.probe.answered_by("/robot_15/pacman_game", anew=True)
     assert game.stopped
     with Page(link) as page:
         while not (page.frames and decode(page.frames[-1][1]).stopped):
@@ -277,19 +281,22 @@ def test_readiness_list_of_page_is_that_of_doctor(game: Game) -> None:
         game.wait_for(ready, "all to be well")
 
 
-def test_frozen_pellet_manager_is_started_again(game: Game, domain: int) -> None:
-    terminal, number = game.terminal, pid_of("pellet_manager")
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda number: number.name)
+@pytest.mark.parametrize("name", [WATCHER, SIMULATOR, GAME])
+def test_game_continues_after_loss_of_process(game: Game, name: str, number: int) -> None:
     game.in_menu()
-    assert number is not None
-    os.kill(number, signal.SIGSTOP)
-    since = len(terminal.lines)
-    terminal.press("s")
-    words = r"^pellet_manager is started again: it is frozen"
-    game.wait_for(lambda: terminal.shows(words, since), "the restart")
-    game.wait_for(lambda: pid_of("pellet_manager") not in (None, number), "another pellet manager")
-    game.wait_for(lambda: terminal.shows(r"^running +round 1 +score \d+ +pellets \d+/13", since), "the round")
-    assert not terminal.shows(r"^running .* pellets 0/0", since)
-    game.in_menu()
+    game.begin_round()
+    pid, probe = pid_of(name), game.probe
+    assert pid is not None
+    before = {one: pid_of(one) for one in (WATCHER, SIMULATOR, GAME)}
+    probe.clear(topics.PROCESSES)
+    os.kill(pid, number)
+    game.wait_for(lambda: probe.on(topics.PROCESSES), "the event")
+    assert json.loads(probe.values(topics.PROCESSES)[0])["event"].startswith(f"{name} ")
+    game.wait_for(lambda: pid_of(name) not in (None, pid), "another process")
+    since = len(game.terminal.lines)
+    game.wait_for(lambda: game.terminal.shows(r"^running +round \d+ .*nearest", since), "the round")
+    assert {one: pid_of(one) for one in before if one != name} == {one: before[one] for one in before if one != name}
 
 
 def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
@@ -310,7 +317,7 @@ def test_doctor_finds_whole_game_ready(game: Game, domain: int) -> None:
     assert {check for check, mark in marks.items() if mark != OK} - {"game", "clyde_trail"} == {
         *("dock", "battery", "Nav2's nodes")
     }, text
-    assert "all 8 are there" in text
+    assert "all 5 are there" in text
     assert "0.0 % differ from house" in text
     assert "menu, policy nearest" in text
     assert max(len(line) for line in text.splitlines()) <= COLUMNS

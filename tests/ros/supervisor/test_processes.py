@@ -52,7 +52,6 @@ NODES = {
     "second": GOOD,
     "waits": MEETS,
     "waits_too": MEETS,
-    "done": "",
     "refuses": REFUSES,
     "spare": REFUSES,
     "beats": BEATS,
@@ -143,90 +142,76 @@ def test_frozen_node_is_started_again(group: ProcessGroup, said: list[str]) -> N
     ready(group, "beats")
     first = group.ids()
     os.kill(first["beats"], signal.SIGSTOP)
-    wait_for(lambda: group.restart_frozen() == ["beats"], "the freeze is seen")
-    assert said == ["beats is started again: it is frozen, no heartbeat for 2 s"]
-    wait_for(lambda: group.restart_dead() == [] and group.ids().items() - first.items(), "another process")
+    wait_for(lambda: group.restart() == ["beats"], "the freeze is seen")
+    assert len(said) == 1
+    assert "frozen" in said[0]
+    wait_for(lambda: group.restart() == [] and group.ids().items() - first.items(), "another process")
 
 
 def test_frozen_node_is_killed_after_halt(group: ProcessGroup, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE_S", 10 * PATIENCE_S)
     group.start("beats")
     ready(group, "beats")
-    group.restart_frozen()  # receives a heartbeat
+    group.restart()  # receives a heartbeat
     os.kill(number := group.ids()["beats"], signal.SIGSTOP)
     alive: list[bool] = []
     assert group.stop(["beats"], halt=lambda: alive.append(Path(f"/proc/{number}").exists())) == ["beats"]
     assert alive == [True, False]
 
 
-def test_dead_node_is_started_again_with_reason(group: ProcessGroup, folder: Path, said: list[str]) -> None:
+def test_dead_node_is_started_again(group: ProcessGroup, said: list[str]) -> None:
     group.start("first")
     ready(group, "first")
     first = group.ids()
     os.kill(first["first"], signal.SIGKILL)
-    wait_for(lambda: group.restart_dead() == ["first"], "the death is seen")
-    assert said == [f"first was killed (SIGKILL), its log is {folder / 'first.log'}; again at once"], (
-        "ready is no reason"
-    )
-    wait_for(lambda: group.restart_dead() == [] and group.ids().items() - first.items(), "started again")
+    wait_for(lambda: group.restart() == ["first"], "the death is seen")
+    assert len(said) == 1
+    assert "SIGKILL" in said[0]
+    assert "ready" not in said[0], "no reason"
+    wait_for(lambda: group.restart() == [] and group.ids().items() - first.items(), "started again")
 
 
 def test_dying_node_is_given_up(group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "SLOW_START_S", 0.0)
-    monkeypatch.setattr(module, "SOON_S", PATIENCE_S)
+    monkeypatch.setattr(module, "SOON_S", 10 * PATIENCE_S)
     group.start("dies")
-
-    def tend_for_ever() -> None:
-        wait_for(lambda: group.restart_dead() and False, "it is given up")
-
-    with pytest.raises(
-        Lost, match="dies died 5 times within 300 s, at last it ended with status 1: RuntimeError: out of luck"
-    ):
-        tend_for_ever()
-    assert len(said) == 4
+    with pytest.raises(Lost, match="RuntimeError: out of luck") as lost:
+        wait_for(lambda: group.restart() and False, "it is given up")
+    assert not lost.value.refuses
+    assert len(said) == module.MANY - 1
 
 
-def test_reason_of_death_is_of_same_life(group: ProcessGroup, folder: Path, said: list[str]) -> None:
-    """Its first life ends with an error in its log, the second with no word."""
-    group.start("twice")
-    wait_for(lambda: group.restart_dead() == ["twice"], "the first death")
-    log = folder / "twice.log"
-    assert said == [f"twice was killed (SIGSEGV): Fatal Python error: Segmentation fault ({log}); again at once"]
-    wait_for(lambda: group.restart_dead() == ["twice"], "the second death")
-    assert said[1:] == [f"twice ended with status 3, its log is {log}; again in 2 s"]
+@pytest.mark.parametrize(
+    ("name", "reasons"),
+    [
+        ("twice", ["Fatal Python error: Segmentation fault", ""]),  # only its first life ends with an error in its log
+        ("says_place", ["[FATAL] [1.0]: out of luck"]),
+    ],
+)
+def test_reason_of_end_is_error_of_same_life(
+    group: ProcessGroup, folder: Path, said: list[str], name: str, reasons: list[str]
+) -> None:
+    group.start(name)
+    for reason in reasons:
+        wait_for(lambda: group.restart() == [name], "its end")
+        assert (f"{reason} ({folder / f'{name}.log'})" if reason else "status 3, its log is") in said[-1]
 
 
-def test_reason_of_end_is_no_place(group: ProcessGroup, folder: Path, said: list[str]) -> None:
-    group.start("says_place")
-    wait_for(lambda: group.restart_dead() == ["says_place"], "its end")
-    assert f"status 3: [FATAL] [1.0]: out of luck ({folder / 'says_place.log'})" in said[0]
-
-
-def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str]) -> None:
-    group.start("refuses")
-    with pytest.raises(Lost, match="refuses does not start: no such map"):
-        wait_for(lambda: group.restart_dead() and False, "it is given up")
-    assert said == []
-
-
-def test_spare_node_is_given_up(group: ProcessGroup, folder: Path, said: list[str]) -> None:
+@pytest.mark.parametrize("name", ["refuses", "spare"])
+def test_refusing_node_is_not_started_again(group: ProcessGroup, said: list[str], name: str) -> None:
     group.start("first")
-    group.start("spare")
     ready(group, "first")
-    wait_for(lambda: group.restart_dead() == ["spare"], "its end")
-    assert said == [
-        f"spare does not start: no such map ({folder / 'spare.log'}); it is given up, the other nodes continue"
-    ]
-    assert group.restart_dead() == []
-    assert group.stop() == []
-
-
-def test_finished_node_can_be_dismissed(group: ProcessGroup) -> None:
-    group.start("done")
-    wait_for(lambda: group.status("done") == 0, "done")
-    group.remove("done")
-    assert "done" not in group
-    assert group.restart_dead() == []
+    group.start(name)
+    if name == "refuses":
+        with pytest.raises(Lost, match="no such map") as lost:
+            wait_for(lambda: group.restart() and False, "it is given up")
+        assert lost.value.refuses
+    else:
+        wait_for(lambda: group.restart() == [name], "its end")
+    assert group.states()["first"] == ""
+    assert "no such map" in group.states()[name]
+    assert len(said) == (name == "spare")
+    assert group.restart() == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent is gone")
@@ -250,28 +235,3 @@ time.sleep(600)
         process.send_signal(signal.SIGKILL)
     wait_for(lambda: not Path(f"/proc/{number}").exists(), "the node has ended")
     assert order.exists() == (name == "first")
-
-
-def test_unresponsive_process_is_restarted_with_limits(
-    group: ProcessGroup, said: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    group.start("stubborn")
-    ready(group, "stubborn")
-    first = group.ids()
-    group.restart("stubborn", "no answer")
-    assert (group.ids(), said) == (first, [])  # it has only just been started
-    monkeypatch.setattr(module, "AT_REST_S", 0.0)
-    monkeypatch.setattr(module, "SLOW_START_S", 0.0)
-    for count in range(1, module.RESTARTS + 1):
-        before = group.ids()
-        group.restart("stubborn", "no answer")
-        assert said.count("stubborn is started again: no answer") == count
-        wait_for(lambda old=before: group.restart_dead() == [] and group.ids().items() - old.items(), "another process")
-    assert not any("was killed" in line for line in said)  # one line says it all
-    last = group.ids()
-    for _ in range(2):
-        group.restart("stubborn", "no answer")
-    assert group.ids() == last
-    assert said[-1] == "stubborn: 3 restarts did not help: no answer"
-    assert sum("did not help" in line for line in said) == 1
-    os.kill(last["stubborn"], signal.SIGKILL)

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import GAME, REFEREE, SELECTOR, module_of
-from pacman_env.ros.node import ObserverNode
-from pacman_env.ros.supervisor.status import Missing, as_json
+from pacman_env.ros.game_nodes import GAME, LISTENERS, module_of
+from pacman_env.ros.observer import ObserverNode
+from pacman_env.ros.supervisor.operator import status_json
 from pacman_env.ros.supervisor.status_line import StatusLine
 from tests.ros import session
 from tests.ros.supervisor.test_operating import ask_plainly
@@ -26,32 +26,31 @@ def status_line(domain: int) -> Iterator[StatusLine]:
 
 
 def test_absent_and_pending_parts_are_named(domain: int, tmp_path: Path) -> None:
-    with session.nodes(tmp_path, alone=False) as nodes, ObserverNode("audio_node", "/robot_15") as silent:
-        nodes.start(REFEREE)
-        topics.AMCL_POSE.publisher(silent)  # a localization without a pose
+    with session.nodes(tmp_path, alone=False) as nodes, ObserverNode("audio_node", "/robot_15"):
+        nodes.start(GAME, map_yaml="house", policy="nearest")
         answer = ask_plainly("status", "--json", "--wait", str(PATIENCE_S))
         rows = ask_plainly("status", "--wait", str(PATIENCE_S))
     assert answer.status == rows.status == 1
     facts: dict[str, Any] = json.loads(answer.out)
     assert facts["state"] == "menu"
-    assert facts["nodes"] == [REFEREE]
-    others = [name for name in GAME if name not in (REFEREE, "audio_node")]
-    assert facts["absent"] == {"nodes": [*others, SELECTOR], "values": ["policy", "goal_selector"]}
-    assert facts["pending"] == {"nodes": ["audio_node"], "values": ["pose_age_s"]}
-    for name in ("policy", "goal_selector", "pose_age_s"):
-        assert facts[name] is None
+    assert facts["nodes"] == [GAME]
+    others = [name for name in LISTENERS if name != "audio_node"]
+    assert facts["absent"] == {"nodes": others, "values": []}
+    assert facts["pending"] == {"nodes": ["audio_node"], "values": []}
+    assert facts["pose_age_s"] is None
     assert facts["stopped"] is False
     assert max(map(len, rows.out.splitlines())) <= 80
     lines = dict(line.split(None, 1) for line in rows.out.replace("\n" + 10 * " ", " ").splitlines())
-    assert lines["absent"] == ", ".join([*others, SELECTOR, "policy", "goal_selector"])
-    assert lines["pending"] == "audio_node, pose_age_s"
+    assert lines["absent"] == ", ".join(others)
+    assert lines["pending"] == "audio_node"
 
 
 def test_robot_page_lists_every_key_of_json(status_line: StatusLine) -> None:
     text = (ROOT / "docs" / "robot" / "simulation.md").read_text()
     rows = text.partition("| Key | Content |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
     named = {key for row in rows for key in re.findall(r"`(\w+)`", row.split("|")[1])}
-    assert named == json.loads(as_json(status_line, Missing())).keys() | {"ghosts_caught"}  # with power pellets alone
+    keys = json.loads(status_json(status_line, {"absent": {}, "pending": {}})).keys()
+    assert named == keys | {"ghosts_caught"}  # with power pellets alone
 
 
 def test_invalid_values_are_shown_as_unknown(probe: Probe, status_line: StatusLine) -> None:
@@ -85,14 +84,14 @@ def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> No
     assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
 
 
-def test_silent_goal_selector_is_trouble(probe: Probe, status_line: StatusLine) -> None:
+def test_silent_game_is_trouble(probe: Probe, status_line: StatusLine) -> None:
     probe.publish(topics.DIAGNOSTICS, '{"troubles": {}}')
-    assert status_line.spin_until(lambda: status_line.condition, PATIENCE_S)
-    assert status_line.spin_until(lambda: status_line.unresponsive, PATIENCE_S)
-    assert "goal_selector does not respond" in status_line.line(pose_age=False)
-    assert SELECTOR in status_line.facts()["unresponsive"]
+    assert status_line.spin_until(lambda: status_line.silence is None, PATIENCE_S), "the message may be an old one"
+    assert status_line.spin_until(lambda: status_line.silence, PATIENCE_S)
+    assert f"{GAME} does not respond" in status_line.line(pose_age=False)
+    assert status_line.facts()["silence"]
     probe.publish(topics.DIAGNOSTICS, '{"troubles": {}}')
-    assert status_line.spin_until(lambda: status_line.unresponsive == {}, PATIENCE_S)
+    assert status_line.spin_until(lambda: status_line.silence == "", PATIENCE_S)
 
 
 @pytest.mark.parametrize("state", ["running", "menu"])
@@ -101,4 +100,4 @@ def test_stop_names_driver_that_never_answers(system: System, probe: Probe, stat
     probe.publisher(topics.GAME_STATE).publish(topics.GAME_STATE.type(data=state))
     answer = ask_plainly("stop", "--wait", str(PATIENCE_S))
     assert answer.status == (state == "running")
-    assert ("goal_selector" in answer.out) == (state == "running")
+    assert (GAME in answer.out) == (state == "running")

@@ -15,15 +15,15 @@ from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import REFEREE, GameSetup
-from pacman_env.ros.node import StopSignals
+from pacman_env.ros.game_nodes import GAME, LISTENERS, SIMULATOR, GameSetup
+from pacman_env.ros.process import StopSignals
 from pacman_env.ros.supervisor import rounds as rounds_module
 from pacman_env.ros.supervisor import up as up_module
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
-from pacman_env.ros.supervisor.up import HAD_TO_KILL, NO_POSE, NODE_LOST, UpOptions
+from pacman_env.ros.supervisor.up import NODE_LOST, UpOptions
 from tests.ros import session
 
 PATIENCE_S = 240.0  # the first nodes may have to compile
@@ -31,8 +31,8 @@ PATIENCE_S = 240.0  # the first nodes may have to compile
 #: parent.
 BROKEN = """
 import os, sys, time
-if any(word.endswith("audio_node") for word in sys.orig_argv):
-    sys.exit("no ears")
+if any(word.endswith("watcher") for word in sys.orig_argv):
+    sys.exit("no eyes")
 if "pacman_env.ros.supervisor.child" in sys.orig_argv:
     parent = sys.orig_argv[sys.orig_argv.index("pacman_env.ros.supervisor.child") + 1]
     while os.getppid() == int(parent):
@@ -60,8 +60,7 @@ def broken_game(tmp_path: Path) -> list[str]:
 def test_lost_node_ends_game_with_reason(system: Any, broken_game: list[str]) -> None:
     up = system.run("up", broken_game)
     assert up.wait(PATIENCE_S) == NODE_LOST, up.output
-    assert (NO_POSE, NODE_LOST, HAD_TO_KILL) == (3, 4, 5)
-    assert "audio_node died 5 times within 300 s" in up.output
+    assert "no eyes" in up.output
     system.processes.clear()
 
 
@@ -90,21 +89,21 @@ def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pyt
     setup, stop = GameSetup("house", sim=True), StopSignals()
     place = setup.namespace, domain, setup.sim
     with session.nodes(tmp_path, alone=False) as nodes:
-        nodes.start(REFEREE)
+        nodes.start(GAME, map_yaml="house", policy="nearest")
         with StatusLine(setup.namespace, setup.sim) as status_line, GameLock(*place) as lock, GameLock(*place) as other:
-            monkeypatch.setattr(up_module, "DISCOVERY_S", PATIENCE_S)
-            writer = EndsOther(nodes.game.close)
+            monkeypatch.setattr(up_module, "SIM_DISCOVERY_S", PATIENCE_S)
+            writer = EndsOther(nodes.close)
             up_module.wait_for_other_games(status_line, lock, writer, stop)
-            assert writer.shown == "waiting for another game in /robot_15 to end"
+            assert "another game in /robot_15" in writer.shown
             lock.__exit__()
 
-            monkeypatch.setattr(up_module, "DISCOVERY_S", 0.0)
+            monkeypatch.setattr(up_module, "SIM_DISCOVERY_S", 0.0)
             assert other.acquire() == ""  # of a game whose nodes are not there yet, or not any more
             writer = EndsOther(other.__exit__)
             up_module.wait_for_other_games(status_line, lock, writer, stop)
-            assert writer.shown == "waiting for another game in /robot_15 to end"
+            assert "another game in /robot_15" in writer.shown
             monkeypatch.setattr(up_module, "GOING_S", 0.0)
-            with pytest.raises(ValueError, match="a game is in /robot_15 already: another ros up on this machine"):
+            with pytest.raises(ValueError, match="/robot_15"):
                 up_module.wait_for_other_games(status_line, other, writer, stop)
 
 
@@ -118,7 +117,8 @@ NO_NAV2 = {"PATH": "/nowhere"}, "ros2 and nav2_bringup not found"
     ("command", "environment", "words"),
     [
         (["up", "--map", "nowhere"], {}, "nowhere: neither a YAML file"),
-        ([*UP, "--policy", "brave"], {}, "unknown policy 'brave'"),
+        ([*UP, "--selector", "mine"], {}, "selector 'mine'"),
+        ([*UP, "--params-file", "nowhere.yaml"], {}, "nowhere.yaml"),
         ([*UP, "--speed", "2"], {}, "only a simulated robot"),
         ([*UP, "--sim", "--speed", "11"], {}, "speed 11: must be 1 to 10"),
         ([*UP, "--play-on"], {}, "only with --sim"),
@@ -155,12 +155,6 @@ def test_invalid_command_is_refused_in_one_line(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_lock_step_is_refused_with_other_middleware(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    with pytest.raises(ValueError, match="--lock-step: only with rmw_fastrtps_cpp"):
-        up_module.check(GameSetup("house", sim=True, lock_step=True))
-
-
 def test_command_without_ros_names_installation(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,16 +175,18 @@ def test_command_without_ros_names_installation(
 def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, sim: bool, words: str) -> None:
     setup = GameSetup("house", sim=sim)
     with StatusLine(setup.namespace, setup.sim) as status_line:
-        status_line.game.processes |= {(name, (0.0, "", 0)): {} for name in setup.first_nodes}
+        status_line.game.processes |= {(name, (0.0, "", 0)): {} for name in (SIMULATOR, GAME, *LISTENERS)}
+        status_line.game.condition = {"active": True, "nav2": True}
         options = UpOptions(logs=tmp_path)
         game = up_module.GameProcesses(
             setup, options, status_line, LineWriter(io.StringIO()), StopSignals()
         )  # nothing is started
         assert words in game.awaited()
         assert ("step" in game.awaited()) != sim
+        game.processes.stop()
 
 
-REFUSAL = "start: no goal selector yet; it starts when the robot has a pose"
+REFUSAL = "start: no pose yet"
 
 
 def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[topics.Service], Future[Any]]]:
@@ -209,9 +205,9 @@ def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[top
 
 
 @pytest.mark.parametrize(
-    ("answered", "has_selector", "wanted", "calls", "said"),
+    ("answered", "ready", "wanted", "calls", "said"),
     [
-        ((False, False, True), True, [topics.START_GAME], 3, ""),  # a newborn referee does not know the selector yet
+        ((False, False, True), True, [topics.START_GAME], 3, ""),  # a restarted game does not know the pose yet
         ((False,), False, [topics.START_GAME], 1, f"game/start: {REFUSAL}\n"),
         ((None, True), True, [topics.START_GAME], 2, ""),  # a killed referee never answers
         ((False,), True, [topics.START_GAME, topics.RESET_GAME], 2, f"game/start: {REFUSAL}\n"),  # the reset stands
@@ -220,7 +216,7 @@ def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[top
 def test_rounds_repeat_start_until_it_is_answered(
     monkeypatch: pytest.MonkeyPatch,
     answered: tuple[bool | None, ...],
-    has_selector: bool,
+    ready: bool,
     wanted: list[topics.Service],
     calls: int,
     said: str,
@@ -228,7 +224,7 @@ def test_rounds_repeat_start_until_it_is_answered(
     monkeypatch.setattr(rounds_module, "ANSWER_S", 0.0)
     called, call = answers(*answered)
     out = io.StringIO()
-    there = SimpleNamespace(state="menu", has_selector=has_selector, call=call)
+    there = SimpleNamespace(state="menu", ready=ready, call=call)
     rounds = RoundRequests(there, LineWriter(out))  # type: ignore[arg-type]
     rounds.wanted += wanted
     for _ in range(5):

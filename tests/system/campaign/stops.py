@@ -1,6 +1,6 @@
 """How soon a simulated robot stands after a stop, while a part of the game is frozen, killed or fails.
 
-``python -m tests.system.campaign.stops --domain-id 90 --out stops.md`` plays 34 games in real time, about half an hour.
+``python -m tests.system.campaign.stops --domain-id 90 --out stops.md`` plays 14 games in real time, about 15 minutes.
 Times are simulated seconds.
 """
 
@@ -22,14 +22,14 @@ from typing import Any, NamedTuple
 
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
-from pacman_env.ros.game_nodes import GAME, SELECTOR, module_of
-from pacman_env.ros.node import ObserverNode
+from pacman_env.ros.game_nodes import GAME, WATCHER, module_of
+from pacman_env.ros.observer import ObserverNode
 from tests.ros.supervisor.terminal import Terminal
 from tests.system.campaign.faulty import FILE
 
 POLICY = "policy"
 SIGNALS = {"frozen": signal.SIGSTOP, "killed": signal.SIGKILL}
-FAULTS = {**dict.fromkeys((SELECTOR, *GAME), tuple(SIGNALS)), POLICY: ("hangs", "sleeps", "raises")}
+FAULTS = {**dict.fromkeys((GAME, WATCHER), tuple(SIGNALS)), POLICY: ("hangs", "sleeps", "raises")}
 CTRL_C = "\x03"
 #: Keys of two games: a node is frozen at most three times before the last key, which ends the game.
 GAMES = ((" ", "r", "ros stop", CTRL_C), ("look", "q"))
@@ -61,19 +61,24 @@ class Row(NamedTuple):
 
 
 class Wheels(ObserverNode):
-    """Speeds of the wheels by the simulated time, received in a thread of its own, and the nodes that have started."""
+    """Speeds of the wheels by the simulated time, received in a thread of its own, and the processes that started."""
 
     def __init__(self) -> None:
         super().__init__("pacman_wheels", "/robot_15")
         self.samples: list[tuple[float, float, float]] = []  # time, m/s and rad/s
-        self.started: set[tuple[str, int]] = set()  # node and process
+        self.started: set[int] = set()  # processes of nodes
         topics.ODOMETRY.subscription(self, self._on_odometry)
         topics.CONFIGURATION.subscription(self, self._on_configuration)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._spin_until_closed, daemon=True)
         self._thread.start()
 
+    def _spin_until_closed(self) -> None:
+        while not self._closing.is_set():
+            self.spin(0.1)
+
     def close(self) -> None:
-        self._executor.shutdown()
+        self._closing.set()
         self._thread.join()
         super().close()
 
@@ -82,8 +87,7 @@ class Wheels(ObserverNode):
         self.samples.append((stamp.sec + stamp.nanosec / 1e9, abs(twist.linear.x), abs(twist.angular.z)))
 
     def _on_configuration(self, message: Any) -> None:
-        content = json.loads(message.data)
-        self.started.add((content["node"], content["started"][2]))
+        self.started.add(json.loads(message.data)["started"][2])
 
     @property
     def drives(self) -> bool:
@@ -123,7 +127,8 @@ class Game:
         for child in Path(f"/proc/{up}/task/{up}/children").read_text().split():
             with contextlib.suppress(OSError):
                 words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-                if module_of(node).encode() in words and (node, int(child)) in self.wheels.started:
+                started = node == WATCHER or int(child) in self.wheels.started
+                if started and module_of(node).encode() in words:
                     return int(child)
         return None
 
@@ -152,7 +157,7 @@ class Game:
 
     def play(self, part: str, fault: str, key: str) -> Row:
         """Cause a fault while the robot drives, press the key, and measure."""
-        self.drive(SELECTOR if part == POLICY else part)
+        self.drive(GAME if part == POLICY else part)
         since = len(self.terminal.lines)
         self.cause(part, fault)
         time.sleep(_BETWEEN_S)

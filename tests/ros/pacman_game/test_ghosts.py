@@ -12,14 +12,15 @@ from pacman_env.config import make_config
 from pacman_env.levels.assets import map_assets
 from pacman_env.levels.ghost_cells import ClydeCells
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import GAME
 from pacman_env.ros.message_conversion import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
+from pacman_env.ros.pacman_game.ghosts import GameGhosts
 from pacman_env.sim.ghost_state import MapGhosts
 from tests.ros.nodes.test_contract import click, pose
 from tests.ros.session import Session
 from tests.shared import shared_path
 
-NAME = "clyde_ghost_node"
 MAP = "loop"
 CONFIG = make_config("robot", **{"clyde.speed_mps": 1.0})
 PERIOD = CONFIG.clyde.update_period_s
@@ -32,8 +33,13 @@ def cells() -> ClydeCells:
 
 def up(nodes: Session, **parameters: Any) -> None:
     nodes.record(topics.CLYDE_POSE, topics.CLYDE_MARKER, topics.CLYDE_OBSTACLE)
-    nodes.start(NAME, map_yaml=MAP, seed=7, **parameters)
+    nodes.start(GAME, map_yaml=MAP, seed=7, selector="none", **parameters)
     nodes.wait_for(lambda: nodes.messages(topics.CLYDE_OBSTACLE), what="Clyde")
+
+
+def ghosts(nodes: Session) -> GameGhosts:
+    ghosts: GameGhosts = nodes.node(GAME).ghosts
+    return ghosts
 
 
 def at(nodes: Session) -> tuple[float, float]:
@@ -83,33 +89,32 @@ def test_ghost_is_shown_five_times_a_second(nodes: Session) -> None:
 
 def test_ghost_moves_at_its_speed_while_game_runs(nodes: Session) -> None:
     up(nodes)
-    for state in ("menu", "returning_home", "starting", "dying", "complete", "paused"):
+    for state in ("menu", "returning_home", "starting", "dying", "complete"):
         here = at(nodes)
-        nodes.publish(topics.GAME_STATE, state)
+        ghosts(nodes).on_state(state)
         assert next_pose(nodes, 10) == here, state
-    nodes.publish(topics.CLYDE_SPEED, 0.8)
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).set_speed(0.8)
+    ghosts(nodes).on_state("running")
     start = at(nodes)
     nodes.wait_for(lambda: math.dist(at(nodes), start) > 0.5, what="it to walk")
     steps = walked(nodes, 2.0)
     assert steps.max() == pytest.approx(0.8 * PERIOD, rel=1e-3)
     assert (steps > 0.01).all()
-    nodes.publish(topics.GAME_STATE, "dying")
+    ghosts(nodes).on_state("dying")
     assert next_pose(nodes) == next_pose(nodes, 10)
 
 
 def test_ghost_keeps_speed_when_timer_is_late(nodes: Session) -> None:
     up(nodes)
-    nodes.publish(topics.CLYDE_SPEED, 0.8)
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).set_speed(0.8)
+    ghosts(nodes).on_state("running")
     nodes.advance(1.0)
     assert np.median(walked(nodes, 8 * PERIOD)) == pytest.approx(0.8 * PERIOD, rel=0.01)
     nodes.clear()
     for _ in range(8):  # it gets no core for a while, again and again
-        member = nodes.member(NAME)
-        nodes.freeze(member)
+        nodes.late.add(GAME)
         nodes.advance(2 * PERIOD - 0.05)
-        nodes.thaw(member)
+        nodes.late.remove(GAME)
         nodes.advance(0.05)
     poses = np.array([pose_of(m)[:2] for m in nodes.messages(topics.CLYDE_POSE)])
     assert len(poses) == 8
@@ -118,13 +123,13 @@ def test_ghost_keeps_speed_when_timer_is_late(nodes: Session) -> None:
 
 def test_ghost_is_no_obstacle_on_way_home(nodes: Session) -> None:
     up(nodes)
-    nodes.publish(topics.GAME_STATE, "returning_home")
+    ghosts(nodes).on_state("returning_home")
     next_pose(nodes)
     assert obstacle(nodes) == 0
-    nodes.publish(topics.GAME_STATE, "starting")
+    ghosts(nodes).on_state("starting")
     next_pose(nodes)
     assert obstacle(nodes) == 9
-    nodes.stop(NAME)
+    nodes.stop(GAME)
     assert obstacle(nodes) == 0
 
 
@@ -132,14 +137,14 @@ def ghost_until(nodes: Session, harmless_s: float, away_s: float = 0.0) -> None:
     """Publish for how long from now the ghost is harmless and away."""
     now = seconds_of(nodes.stamp())
     times = [now + seconds if seconds else 0.0 for seconds in (harmless_s, away_s)]
-    nodes.publish(topics.HARMLESS_GHOSTS, times)
+    ghosts(nodes).set_harmless(np.array([times]))
 
 
 def test_frightened_ghost_is_slow_blue_and_no_obstacle(nodes: Session) -> None:
     up(nodes, settings=["power.pellets=1"])
     robot(nodes, *at(nodes))
-    nodes.publish(topics.CLYDE_SPEED, 0.8)
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).set_speed(0.8)
+    ghosts(nodes).on_state("running")
     nodes.advance(1.0)
     ghost_until(nodes, 30.0)
     nodes.advance(1.0)
@@ -156,8 +161,8 @@ def test_frightened_ghost_is_slow_blue_and_no_obstacle(nodes: Session) -> None:
 def test_caught_ghost_waits_where_it_started_even_if_message_is_late(nodes: Session, away_s: float) -> None:
     up(nodes, settings=["power.pellets=1"])
     start = at(nodes)
-    nodes.publish(topics.CLYDE_SPEED, 0.8)
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).set_speed(0.8)
+    ghosts(nodes).on_state("running")
     nodes.wait_for(lambda: math.dist(at(nodes), start) > 0.8, what="it to walk")
     ghost_until(nodes, away_s, away_s)
     nodes.advance(PERIOD)
@@ -183,10 +188,10 @@ def test_trail_covers_where_ghost_was_shown(nodes: Session) -> None:
     assert math.dist(at(nodes), other) < 0.1
     assert covers(at(nodes))
     assert covers(before)
-    nodes.publish(topics.GAME_STATE, "returning_home")
+    ghosts(nodes).on_state("returning_home")
     nodes.wait_for(lambda: not covers(before), what="the old place to be forgotten")
     assert covers(at(nodes))
-    nodes.stop(NAME)
+    nodes.stop(GAME)
 
 
 # Fault 11
@@ -201,7 +206,7 @@ def test_ghost_respawns_away_from_robot_fault_11(nodes: Session) -> None:
     robot(nodes, *away)
     places = set()
     for _ in range(25):
-        assert nodes.call(topics.RESET_CLYDE).success
+        ghosts(nodes).respawn()
         here = next_pose(nodes)
         assert min(math.dist(here, home), math.dist(here, away)) >= 1.5
         places.add(here)
@@ -227,8 +232,8 @@ def test_planning_stalls_no_pose_on_large_map_fault_11() -> None:
 class Costmap(BaseNode):
     """Counts when it is cleared."""
 
-    def __init__(self, now_s: Callable[[], float]) -> None:
-        super().__init__("global_costmap")
+    def __init__(self, now_s: Callable[[], float], **options: Any) -> None:
+        super().__init__("global_costmap", **options)
         self.cleared: list[float] = []
         self._now_s = now_s
         topics.CLEAR_GLOBAL_COSTMAP.server(self, self._clear)
@@ -239,20 +244,20 @@ class Costmap(BaseNode):
 
 
 def test_costmap_is_cleared_seldom_after_a_way_fault_11(nodes: Session) -> None:
-    costmap = nodes.start("global_costmap", lambda: Costmap(lambda: nodes.now_s)).node
+    costmap = nodes.start("global_costmap", lambda **options: Costmap(lambda: nodes.now_s, **options))
     assert isinstance(costmap, Costmap)
     up(nodes, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
     nodes.advance(5.0)
     assert costmap.cleared == []
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).on_state("running")
     nodes.wait_for(lambda: len(costmap.cleared) >= 4, what="the costmap to be cleared")
     assert np.diff(costmap.cleared).min() > 1.5 - 1e-6
-    nodes.publish(topics.CLYDE_SPEED, 0.0)
+    ghosts(nodes).set_speed(0.0)
     nodes.advance(2.5)
     count = len(costmap.cleared)
     nodes.advance(20.0)
     assert len(costmap.cleared) == count
-    nodes.publish(topics.GAME_STATE, "returning_home")
+    nodes.within(lambda: ghosts(nodes).on_state("returning_home"))
     assert len(costmap.cleared) == count + 1, "its marks are removed before the way home"
 
 
@@ -265,13 +270,13 @@ def test_click_places_ghost_for_next_round(nodes: Session) -> None:
     nodes.publish(topics.CLICKED_POINT, click(place[0] + 0.03, place[1]))
     chosen = at(nodes)
     assert math.dist(chosen, place) <= 0.06
-    nodes.call(topics.RESET_CLYDE)
+    ghosts(nodes).respawn()
     assert next_pose(nodes) == chosen
-    nodes.publish(topics.GAME_STATE, "running")
+    ghosts(nodes).on_state("running")
     nodes.wait_for(lambda: at(nodes) != chosen, what="it to walk")
-    nodes.publish(topics.GAME_STATE, "menu")
+    ghosts(nodes).on_state("menu")
     places = set()
     for _ in range(5):
-        nodes.call(topics.RESET_CLYDE)
+        ghosts(nodes).respawn()
         places.add(next_pose(nodes))
     assert len(places) > 2

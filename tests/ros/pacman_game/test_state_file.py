@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from pacman_env.ros.nodes.state_file import StateFile
+from pacman_env.ros.pacman_game.state_file import StateFile
 
 ME = {"namespace": "/robot_15", "simulated": False}
 

@@ -1,16 +1,20 @@
-"""The referee: its services, what it says and in which order, and what changes nothing."""
+"""The game of one process: its services, what it says and in which order, what it saves and resumes."""
 
 import json
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pacman_env.config import PelletConfig
+from pacman_env.game.pellets import generate_pellets
 from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import REFEREE
-from pacman_env.ros.message_conversion import markers_of
+from pacman_env.ros.game_nodes import GAME
+from pacman_env.ros.message_conversion import pellets_of
+from pacman_env.world.maps.occupancy import load_map
 from tests.ros.session import Session
 
 SAID = (
@@ -18,7 +22,7 @@ SAID = (
     *(topics.SCORE, topics.ROUND, topics.PELLETS_SPAWNED, topics.PELLETS_COLLECTED, topics.CLYDE_SPEED),
 )
 LATCHED = tuple(topic for topic in SAID if topic is not topics.GAME_EVENT)
-CLOCK = "time_node"
+QUICK = ["show.start_s=0.2", "show.death_s=0.2"]
 
 
 @pytest.fixture(autouse=True)
@@ -29,16 +33,12 @@ def state_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def up(nodes: Session, *settings: str, **parameters: Any) -> None:
-    quick = ["show.start_s=0.2", "show.death_s=0.2"]
+    """Start a game whose goal selector is the test."""
     nodes.record(*SAID)
-    nodes.announce(topics.GAME_STATUS)  # as a goal selector does
-    nodes.start(REFEREE, **{"state_file": "auto", "settings": [*quick, *settings], **parameters})
+    own = {"map_yaml": "house", "selector": "none", "state_file": "auto", "settings": [*QUICK, *settings]}
+    nodes.start(GAME, **{**own, **parameters})
     nodes.advance(0.1)
     assert all(nodes.values(topic) for topic in LATCHED)
-
-
-def pellets(nodes: Session, ids: Sequence[int]) -> None:
-    nodes.publish(topics.PELLET_MARKERS, markers_of({i: (float(i), 0.0) for i in ids}, nodes.stamp()))
 
 
 def status(nodes: Session, word: str) -> None:
@@ -49,18 +49,16 @@ def wait_state(nodes: Session, state: str) -> None:
     nodes.wait_for(lambda: nodes.values(topics.GAME_STATE)[-1:] == [state], 10.0, f"state {state}")
 
 
-def running(nodes: Session, count: int = 3) -> None:
-    """One round, begun; the pellets are known."""
+def running(nodes: Session) -> None:
+    """One round, begun."""
     assert nodes.call(topics.START_GAME).success
     assert nodes.value(topics.GAME_STATE) == "returning_home"
-    pellets(nodes, range(count))
-    assert nodes.value(topics.PELLETS_SPAWNED) == count
     status(nodes, "home_reached")
     wait_state(nodes, "running")
 
 
 def test_late_node_gets_all_latched_values(nodes: Session) -> None:
-    nodes.start(REFEREE, settings=["clyde.speed_mps=0.3"])
+    nodes.start(GAME, map_yaml="house", settings=["clyde.speed_mps=0.3"])
     nodes.advance(10.0)
     nodes.record(*SAID)
     latest = {topic.name: nodes.value(topic) for topic in LATCHED}
@@ -71,17 +69,15 @@ def test_late_node_gets_all_latched_values(nodes: Session) -> None:
         "game_result": "",
         "game/score": 0,
         "game/round": 1,
-        "game/pellets_spawned": 0,
+        "game/pellets_spawned": 13,
         "game/pellets_collected": 0,
     }
 
 
-def test_start_resets_others_and_is_refused_during_game(nodes: Session) -> None:
-    called = nodes.serve(topics.RESET_PELLETS, topics.RESET_CLYDE)
+def test_start_is_refused_during_game(nodes: Session) -> None:
     up(nodes)
     begun = nodes.call(topics.START_GAME)
     assert (begun.success, begun.message) == (True, "a round begins: the robot drives home first")
-    assert sorted(called) == ["reset_clyde", "reset_pellets"]
     again = nodes.call(topics.START_GAME)
     assert not again.success
     assert "returning_home" in again.message
@@ -90,36 +86,36 @@ def test_start_resets_others_and_is_refused_during_game(nodes: Session) -> None:
     assert nodes.value(topics.GAME_STATE) == "menu"
 
 
-def test_start_is_refused_without_goal_selector(nodes: Session) -> None:
-    nodes.record(*SAID)
-    nodes.start(REFEREE)
-    nodes.advance(0.1)
-    answer = nodes.call(topics.START_GAME)
-    why = "start: no goal selector yet; it starts when the robot has a pose"
-    assert (answer.success, answer.message) == (False, why)
-    nodes.advance(1.0)
-    assert nodes.values(topics.GAME_STATE) == ["menu"]
-    nodes.announce(topics.GAME_STATUS)
-    nodes.advance(1.0)
+def test_start_is_refused_without_pose_or_foreign_selector(nodes: Session) -> None:
+    for selector, why in (("ours", "the robot has no pose yet"), ("original", "no goal selector yet")):
+        up(nodes, selector=selector)
+        answer = nodes.call(topics.START_GAME)
+        assert not answer.success
+        assert why in answer.message
+        nodes.advance(1.0)
+        assert nodes.value(topics.GAME_STATE) == "menu"
+        nodes.stop(GAME)
+    up(nodes, selector="original")
+    topics.GAME_STATUS.publisher(nodes.observer)
     assert nodes.call(topics.START_GAME).success
-    assert nodes.value(topics.GAME_STATE) == "returning_home"
 
 
-def test_report_before_reset_is_not_of_new_round(nodes: Session) -> None:
-    reports = topics.PELLET_MARKERS.publisher(nodes.observer)
-
-    def put_back(request: Any, response: Any) -> Any:
-        reports.publish(markers_of({4: (4.0, 0.0)}, nodes.stamp()))  # the referee has it before the answer
-        response.success = True
-        return response
-
+def test_pellets_are_shown_once_a_second_and_taken_away(nodes: Session) -> None:
+    nodes.record(topics.PELLET_MARKERS)
     up(nodes)
-    topics.RESET_PELLETS.server(nodes.observer, put_back)
-    for service in (topics.START_GAME, topics.RESET_GAME, topics.START_GAME):
-        assert nodes.call(service).success
-        pellets(nodes, range(3))
-        assert nodes.value(topics.PELLETS_SPAWNED) == 3
-    assert set(nodes.values(topics.PELLETS_SPAWNED)) <= {0, 3}
+    nodes.clear()
+    nodes.advance(3.0)
+    rule = generate_pellets(load_map("house"), PelletConfig())
+    shown = [pellets_of(message) for message in nodes.messages(topics.PELLET_MARKERS)]
+    assert len(shown) == 3
+    assert list(shown[0]) == rule.ids.tolist()
+    for number, at in zip(rule.ids, rule.position, strict=True):
+        assert shown[0][int(number)] == pytest.approx(tuple(at))
+    for number in (3, 0, 3, 99, -1):
+        nodes.publish(topics.REMOVE_PELLET, number)
+    assert set(shown[0]) - set(pellets_of(nodes.last(topics.PELLET_MARKERS))) == {0, 3}
+    assert nodes.call(topics.RESET_GAME).success
+    assert pellets_of(nodes.last(topics.PELLET_MARKERS)) == shown[0]
 
 
 def test_burst_of_commands_arrives_completely_fault_1(nodes: Session) -> None:
@@ -130,10 +126,7 @@ def test_burst_of_commands_arrives_completely_fault_1(nodes: Session) -> None:
     commands = ["disable", *["disable", "reset_round", "return_home", "disable", "reset_round"] * 4]
     assert nodes.values(topics.GAME_COMMAND) == commands
     late: list[str] = []
-    nodes.game.subscribe(
-        nodes.observer,
-        lambda: topics.GAME_COMMAND.subscription(nodes.observer, lambda message: late.append(message.data)),
-    )
+    nodes.subscribe(topics.GAME_COMMAND, lambda message: late.append(message.data))
     assert late == commands
 
 
@@ -141,7 +134,7 @@ def test_referee_stops_robot_before_it_leaves_fault_13(nodes: Session, state_fol
     up(nodes)
     running(nodes)
     assert list(state_folder.rglob("*.json"))
-    nodes.stop(REFEREE)
+    nodes.stop(GAME)
     assert not list(state_folder.rglob("*.json"))  # the next one has nothing to go on with
     assert nodes.value(topics.GAME_STATE) == "menu"
     assert nodes.value(topics.GAME_COMMAND) == "disable"
@@ -165,27 +158,27 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     assert nodes.value(topics.SCORE) == 1
     assert nodes.value(topics.GAME_EVENT) == "pellet"
     (kept,) = state_folder.rglob("*.json")
-    assert kept.name.startswith("robot_15-")
-    nodes.kill(REFEREE)
+    assert kept.name.startswith("pacman_game-robot_15-")
+    nodes.kill(GAME)
     assert again(nodes) == {
         "game_state": "running",
         "game_command": "enable",
         "game_result": "",
         "game/score": 1,
         "game/round": 1,
-        "game/pellets_spawned": 3,
+        "game/pellets_spawned": 13,
         "game/pellets_collected": 1,
         "clyde/speed": 0.25,
     }
-    for pellet in (1, 0, 2):  # the first once more: it counts once
+    for pellet in (1, *range(13)):  # one once more: it counts once
         status(nodes, f"pellet_collected:{pellet}")
-    assert nodes.value(topics.SCORE) == 3
+    assert nodes.value(topics.SCORE) == 13
     wait_state(nodes, "returning_home")
     status(nodes, "home_reached")
     wait_state(nodes, "menu")
-    nodes.kill(REFEREE)  # between two rounds
+    nodes.kill(GAME)  # between two rounds
     said = again(nodes)
-    assert (said["game_state"], said["game_result"], said["game/round"]) == ("menu", "Complete - Score: 3", 2)
+    assert (said["game_state"], said["game_result"], said["game/round"]) == ("menu", "Complete - Score: 13", 2)
     assert nodes.call(topics.RESET_GAME).success
     assert not kept.exists()
 
@@ -194,13 +187,12 @@ def test_killed_referee_continues_streak_of_caught_ghosts(nodes: Session, state_
     nodes.record(topics.GHOSTS_CAUGHT)
     up(nodes, "power.pellets=1")
     assert nodes.call(topics.START_GAME).success
-    nodes.publish(topics.PELLET_MARKERS, markers_of({0: (0.0, 0.0), 1: (1.0, 0.0)}, nodes.stamp(), power=[1]))
     status(nodes, "home_reached")
     wait_state(nodes, "running")
-    status(nodes, "pellet_collected:1")
+    status(nodes, f"pellet_collected:{min(nodes.node(GAME).game.referee.power_pellets)}")
     status(nodes, "ghost_caught:1:inky")
     assert (nodes.value(topics.SCORE), nodes.value(topics.GAME_EVENT)) == (25, "inky caught")
-    nodes.kill(REFEREE)
+    nodes.kill(GAME)
     nodes.clear()
     up(nodes, "power.pellets=1")
     assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (25, 1)
@@ -209,43 +201,52 @@ def test_killed_referee_continues_streak_of_caught_ghosts(nodes: Session, state_
     assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (65, 2)
 
 
-def test_pellets_reported_before_clock_count(nodes: Session, tmp_path: Path, domain: int) -> None:
+def test_stop_survives_kill_until_release(nodes: Session, tmp_path: Path) -> None:
+    """The stop is on the disk before it is confirmed; without a clock nothing is resumed, but the robot is stopped."""
     file = tmp_path / "game.json"
-    referee = RoundController()
-    referee.start(0.0)
-    for second in (1, 2):
-        referee.pellets_left([0, 1, 2], second)
-    referee.status("home_reached", 3.0)
-    referee.tick(100.0)
-    file.write_text(json.dumps(a_game(nodes, domain, state=referee.snapshot(100.0))))
-    nodes.record(*SAID)
-    clock = nodes.member(CLOCK)
-    nodes.freeze(clock)  # there is no clock yet
-    nodes.start(REFEREE, state_file=file)
-    for pellet in (0, 1, 2):
-        status(nodes, f"pellet_collected:{pellet}")
+    nodes.record(topics.OPERATOR_STOP)
+    up(nodes, state_file=file)
+    running(nodes)
+    request = {"stopped": True, "at": 1, "who": "a test", "by": "/test"}
+    nodes.publish(topics.OPERATOR_STOP, json.dumps(request))
+    assert json.loads(file.read_text())["state"]["stopped"] == "a test"
+    file.unlink()
+    nodes.advance(1.5)  # the file is written again each second: old files are not used
+    nodes.kill(GAME)
+    nodes.clear()
+    nodes.clock_runs = False
+    up_again = {"map_yaml": "house", "selector": "none", "settings": QUICK, "state_file": file}
+    nodes.start(GAME, **up_again)
+    stop = json.loads(nodes.value(topics.OPERATOR_STOP))
+    assert (stop["stopped"], stop["who"]) == (True, "a test")
     assert not nodes.call(topics.START_GAME).success
-    nodes.thaw(clock)
-    nodes.advance(0.05)
-    status(nodes, "game_complete")
-    assert [text for text in nodes.values(topics.GAME_RESULT) if text] == ["Complete - Score: 3"]
+    nodes.clock_runs = True
+    nodes.advance(0.1)
+    assert nodes.value(topics.GAME_STATE) == "running"
+    request |= {"stopped": False, "at": stop["at"] + 10**10}
+    nodes.publish(topics.OPERATOR_STOP, json.dumps(request))
+    nodes.kill(GAME)
+    nodes.clear()
+    nodes.start(GAME, **up_again)
+    nodes.advance(0.1)
+    assert not json.loads(nodes.value(topics.OPERATOR_STOP))["stopped"]
 
 
 def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
     """A file's content, of a robot on its way home."""
     game = RoundController()
+    game.lay_out([0, 1, 2])
     game.start(0.0)
-    game.pellets_left([0, 1, 2], 0.0)
     owner = {"namespace": "/robot_15", "domain": str(domain), "simulated": True}
-    written_s = nodes.observer.surroundings.time_ns() * 1e-9
-    return {"format": 3, "written_s": written_s, "owner": owner, "state": game.snapshot(0.0)} | changes
+    state = {"stopped": "", "referee": game.snapshot(0.0), "ghosts": [], "selector": {}}
+    return {"format": 4, "written_s": time.time(), "owner": owner, "state": state} | changes
 
 
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
         ({"owner": {"namespace": "/robot_7"}}, ""),
-        ({"state": {"state": "running"}}, "snapshot: Object missing required field `score`"),
+        ({"state": {"stopped": "", "referee": {"state": "running"}}}, "missing required field `score`"),
         ({"format": 1}, "another version"),
     ],
 )
@@ -257,9 +258,8 @@ def test_old_or_invalid_game_is_not_continued(
     file.write_text(text)
     up(nodes, state_file=file)
     assert nodes.value(topics.GAME_STATE) == "menu"
-    assert log().count("is left alone") == bool(complaint)
     assert complaint in log()
-    if complaint:
+    if complaint == "another version":
         running(nodes)
         nodes.advance(5.0)
         assert file.read_text() == text
@@ -273,7 +273,7 @@ def test_game_without_state_file_is_played(nodes: Session, tmp_path: Path, log: 
     running(nodes)
     nodes.advance(5.0)
     assert not list(tmp_path.rglob("*.json"))
-    nodes.stop(REFEREE)
+    nodes.stop(GAME)
     (tmp_path / "file").touch()
     up(nodes, state_file=tmp_path / "file" / "game.json")
     assert nodes.value(topics.GAME_STATE) == "menu"
