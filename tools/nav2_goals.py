@@ -31,8 +31,9 @@ from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import SIMULATOR, GameSetup, full_namespace
 from pacman_env.ros.message_conversion import GHOST_OBSTACLE, Pose, Position, cloud_message, pose_of, seconds_of
-from pacman_env.ros.node import ObserverNode, StopSignals
-from pacman_env.ros.nodes.ghost_trail import GhostTrail
+from pacman_env.ros.observer import ObserverNode
+from pacman_env.ros.pacman_game.ghost_trail import GhostTrail
+from pacman_env.ros.process import StopSignals
 from pacman_env.ros.selector.navigation_client import NavigationClient
 from pacman_env.ros.supervisor import nav2
 from pacman_env.world.maps.occupancy import load_map

@@ -26,7 +26,8 @@ from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import NAMESPACE, full_namespace
 from pacman_env.ros.message_conversion import pose_of, seconds_of
-from pacman_env.ros.node import ObserverNode, StopSignals
+from pacman_env.ros.observer import ObserverNode
+from pacman_env.ros.process import StopSignals
 from pacman_env.world.maps.occupancy import map_name
 from tools.nav2_goals import make_parser
 
@@ -137,7 +138,7 @@ def record(arguments: argparse.Namespace) -> None:
     join(None, this_machine=True)
     file: Path = arguments.out
     words = ["--map", arguments.map, "--policy", arguments.policy, "--sim", "--rounds", str(arguments.rounds)]
-    words += ["--composed", "--logs", str(file.with_suffix(".logs"))]
+    words += ["--logs", str(file.with_suffix(".logs"))]
     words += ["--nav2", arguments.nav2] if arguments.nav2 else []
     for setting in ("clyde.speed_step_mps=0.0", f"clyde.speed_mps={arguments.clyde_speed}", *arguments.set):
         words += ["--set", setting]

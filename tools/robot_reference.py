@@ -1,35 +1,100 @@
-"""Write ``docs/robot_reference.md`` from one instance of every node: ``python -m tools.robot_reference``."""
+"""Write ``docs/robot_reference.md`` and ``config/game.yaml`` from one instance of every node.
 
+Run ``python -m tools.robot_reference``, with ROS's message types installed.
+"""
+
+import importlib
 import inspect
+import json
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import rclpy
 from rclpy.action import get_action_client_names_and_types_by_node as client_names_and_types
 from rclpy.action import get_action_server_names_and_types_by_node as server_names_and_types
 from rclpy.logging import get_logger_effective_level, set_logger_level
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from pacman_env.command_line.command import Parser, run_command
 from pacman_env.ros.bags.record import RECORDED
-from pacman_env.ros.game_nodes import NODES
-from pacman_env.ros.node_classes import node_class
+from pacman_env.ros.game_nodes import GAME, MODULES, ORIGINAL, SELECTOR
+from pacman_env.ros.node import BAD_START, BaseNode
+from pacman_env.ros.nodes.wait_for_amcl_pose import FOUND, NOT_FOUND
+from pacman_env.ros.standstill import STOOD_STILL
+from pacman_env.ros.supervisor import doctor, operator, up
 from pacman_env.ros.supervisor.checks import CHECKS
-from pacman_env.ros.topics import LATCHED, RECEIVED_LATCHED
+from pacman_env.ros.topics import LATCHED, PROCESSES, RECEIVED_LATCHED
 from tools.common import ROOT, add_check, table, update
 
 PAGE = ROOT / "docs" / "robot_reference.md"
-INTRO = """# Robot reference: nodes, topics, parameters
+PARAMETERS = ROOT / "config" / "game.yaml"
+INTRO = """# Robot reference: the interface to the robot
 
-Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) describes their use. All names
-are relative, so that the robot's namespace applies (`/robot_15/game_state`); parameters are given as
-`--ros-args -p NAME:=VALUE`, and are read once, at the start, unless their meaning states otherwise.
+Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) describes their use.
+
+The names, types and meanings of the topics, services, actions, parameters and exit statuses on this page, the options
+of `pacman-env ros` ([commands](commands.md)) and the arguments of `launch/game.launch.py` are the public interface. The
+file `CHANGELOG.md` lists every change of it. Everything else, such as the Python modules in `pacman_env/ros`,
+may change in every release.
+
+All names are relative, so that the robot's namespace applies (`/robot_15/game_state`). Parameters are given as
+`--ros-args -p NAME:=VALUE`, or in a file: `config/game.yaml` lists them for `--params-file`. They are read once, at the
+start, unless their meaning states otherwise.
+
+The process `pacman_game` contains the nodes `pacman_game`, `game_event_mapper`, `game_light_node` and `audio_node`; the
+last three can also be started alone. The process `goal_selector` is for somebody else's game, and for a shadow, which
+publishes `shadow/...` instead of `goal_selector/...`.
+
+## What was tried
+
 """
+_NAV2 = (
+    "its interface (1.3.13) against a recording: names, types, QoS, parameters, lifecycle; games with the simulated one"
+)
+_ELSE = "other distributions and middlewares; Ubuntu 24.04, x86_64 and aarch64, is for the workflow `colcon` on a host"
+TRIED = [
+    ["ROS 2", "Jazzy from the wheels of PyPI (rclpy 7.1, Fast DDS), Python 3.11, Linux x86_64", _ELSE],
+    ["robot", "the simulated TurtleBot 4 of this package", "a real TurtleBot 4"],
+    ["Nav2", _NAV2, "a real Nav2, which is for the workflow `nav2` on a host"],
+]
+PARAMETERS_INTRO = """\
+# All parameters of all nodes with their defaults; arrays, which have none, are comments. Copy and edit this file for
+#   pacman-env ros up --params-file FILE
+#   ros2 launch pacman_env game.launch.py params_file:=FILE
+#   ros2 run pacman_env NODE --ros-args --params-file FILE
+# Options of `ros up` and arguments of the launch file have priority. Written by scripts/robot_reference.
+"""
+_SENT = "start, reset, continue, stop, release"
+#: Exit statuses: command, status, meaning.
+STATUSES = [
+    ["every node", "0", "stopped by a signal"],
+    ["every node", f"{BAD_START}", "bad arguments or parameters, or another node or robot is there already"],
+    ["every node", f"{STOOD_STILL}", "it stood still for so long that others may have lost it: start it again"],
+    ["`wait_for_amcl_pose`", f"{FOUND}", "the robot has a pose"],
+    ["`wait_for_amcl_pose`", f"{NOT_FOUND}", "no pose within `timeout_s`, or stopped before"],
+    ["`pacman-env ros`", "2", "bad arguments, or a missing package"],
+    ["`pacman-env ros up`", "0", "stopped as asked, or all `--rounds` are played"],
+    ["`pacman-env ros up`", f"{up.NODE_LOST}", "a process could not be kept alive"],
+    ["`pacman-env ros up`", f"{up.HAD_TO_KILL}", "a process did not stop and was killed"],
+    [f"`pacman-env ros` {_SENT}", f"{operator.DONE}", "done"],
+    [f"`pacman-env ros` {_SENT}", f"{operator.REFUSED}", "refused; `stop`: a node that drives has not obeyed yet"],
+    [f"`pacman-env ros` {_SENT}, status", f"{operator.NO_ANSWER}", "no game, or no answer within `--wait`"],
+    ["`pacman-env ros status`", f"{operator.DONE}", "everything was received"],
+    [
+        "`pacman-env ros status`",
+        f"{operator.INCOMPLETE}",
+        "a node or value is absent or pending, or the game is silent",
+    ],
+    ["`pacman-env ros doctor`", "0", "nothing is BAD"],
+    ["`pacman-env ros doctor`", f"{doctor.NOT_READY}", "a check is BAD"],
+]
 _EVERY_NODE_HAS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 _OWN = ("rcl_interfaces/", "type_description_interfaces/", "lifecycle_msgs/", "rosgraph_msgs/")  # types of ROS itself
 _TYPES = {1: "bool", 2: "int", 3: "float", 4: "string", 8: "float array", 9: "string array"}
@@ -37,18 +102,39 @@ _End = tuple[str, str, str, str]  # name, type, role, and QoS, "service" or "act
 
 
 @dataclass
+class _Parameter:
+    name: str
+    type: str
+    default: Any  # None: not set
+    limits: str
+    meaning: str
+
+
+@dataclass
 class Described:
     purpose: str
-    parameters: list[list[str]]
+    parameters: list[_Parameter]
     ends: list[_End]
 
 
-def describe(name: str) -> Described:
+class _NoPolicy:
+    """Takes the place of the process with the policies."""
+
+    def __init__(self, *arguments: Any) -> None: ...
+
+    def wait(self, **options: Any) -> None: ...
+
+
+def describe(name: str, **overrides: Any) -> Described:
     """Create a node and describe it; rclpy must be initialised, with ``map_yaml`` among its arguments."""
-    node: Any = node_class(name)()  # type: ignore[call-arg]
+    module = importlib.import_module(MODULES[name])
+    kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
+    make: Any = next(kind for kind in kinds if kind.__module__ == module.__name__)
+    given = {"parameter_overrides": [Parameter(one, value=value) for one, value in overrides.items()]}
+    node = make(**given, **({"ask": _NoPolicy} if name in (GAME, SELECTOR) else {}))
     try:
         declared = list(node._parameters)  # rclpy has no public list of parameters within a process
-        purpose = (inspect.getdoc(sys.modules[type(node).__module__]) or "").split("\n\n")[0]
+        purpose = (inspect.getdoc(module) or "").split("\n\n")[0]
         parameters = [_parameter(node, one) for one in declared if not one.startswith(_EVERY_NODE_HAS)]
         return Described(purpose.replace("\n", " ").replace("``", "`"), parameters, sorted({*_ends_of(node)}))
     finally:
@@ -69,14 +155,12 @@ def _ends_of(node: Any) -> Iterator[_End]:
             yield name.removeprefix(node.get_namespace().rstrip("/") + "/"), kind, role, qos
 
 
-def _parameter(node: Any, name: str) -> list[str]:
+def _parameter(node: Any, name: str) -> _Parameter:
     descriptor = node.describe_parameter(name)
-    value = node.get_parameter_or(name).value
+    value = {"map_yaml": "", "settings": None}.get(name, node.get_parameter_or(name).value)
     low_high = [*descriptor.floating_point_range, *descriptor.integer_range]
     limits = f"{low_high[0].from_value:g} to {low_high[0].to_value:g}" if low_high else ""
-    shown = "" if value is None else f"`{value}`" if value != "" else '`""`'
-    shown = {"map_yaml": "to be given", "settings": ""}.get(name, shown)
-    return [f"`{name}`", _TYPES.get(descriptor.type, ""), shown, limits, descriptor.description]
+    return _Parameter(name, _TYPES.get(descriptor.type, ""), value, limits, descriptor.description)
 
 
 def _qos(profile: Any) -> str:
@@ -86,32 +170,63 @@ def _qos(profile: Any) -> str:
     return f"{'reliable' if reliable else 'best effort'}{', latched' if latched else ''}, depth {depth}"
 
 
-def page() -> str:
-    context_arguments = ["--ros-args", "-r", "__ns:=/robot", "-p", "map_yaml:=house", "--disable-external-lib-logs"]
+def describe_all(*arguments: str) -> dict[str, Described]:
+    """Describe all nodes, which are created with these ROS arguments."""
+    context_arguments = ["--ros-args", *arguments, "-r", "__ns:=/robot", "-p", "map_yaml:=house"]
     settings = f'["clyde.ghosts={",".join(4 * ["wander"])}", "power.pellets=1"]'  # all topics that nodes can have
-    context_arguments += ["-p", f"settings:={settings}", "--log-level", "fatal"]
+    context_arguments += ["-p", f"settings:={settings}", "--log-level", "fatal", "--disable-external-lib-logs"]
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     level = get_logger_effective_level("")
     rclpy.init(args=context_arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        nodes = {name: describe(name) for name in NODES}
+        nodes = {name: describe(name) for name in MODULES}
+        nodes[GAME].ends = sorted({*nodes[GAME].ends, *describe(GAME, selector=ORIGINAL).ends})
     finally:
         rclpy.shutdown()
         set_logger_level("", level)  # the level belongs to the process, not to the context
-    text = INTRO + _ends(nodes)
+    return nodes
+
+
+def page(nodes: dict[str, Described]) -> str:
+    text = INTRO + table(("Part", "Tried", "Not tried"), TRIED) + _ends(nodes)
     for name, node in nodes.items():
         text += f"\n## {name}\n\n{node.purpose}\n"
-        if node.parameters:
-            text += "\n" + table(("Parameter", "Type", "Default", "Range", "Meaning"), node.parameters)
+        rows = [[f"`{one.name}`", one.type, _default(one), one.limits, one.meaning] for one in node.parameters]
+        text += "\n" + table(("Parameter", "Type", "Default", "Range", "Meaning"), rows) if rows else ""
+    text += "\n## Exit statuses\n\n" + table(("Command", "Status", "Meaning"), STATUSES)
     text += "\n## Checks of `pacman-env ros doctor`\n\nWhat is BAD is best remedied in this order.\n\n"
     return text + table(("Check", "Question"), [[check.name, check.question] for check in CHECKS])
 
 
+def _default(parameter: _Parameter) -> str:
+    if parameter.name == "map_yaml":
+        return "to be given"
+    return "" if parameter.default is None else f"`{parameter.default}`" if parameter.default != "" else '`""`'
+
+
+def parameter_file(nodes: dict[str, Described]) -> str:
+    """Return all parameters with their defaults as a ROS parameter file."""
+    text = PARAMETERS_INTRO
+    for name, node in nodes.items():
+        lines = []
+        for one in node.parameters:
+            shown = "[]" if one.default is None else json.dumps(one.default)
+            limits = f" ({one.limits})" if one.limits else ""
+            lines += wrap(f"{one.meaning}{limits}", 120, initial_indent="    # ", subsequent_indent="    #   ")
+            lines += [f"    {'# ' if one.default is None else ''}{one.name}: {shown}"]
+        if lines:
+            text += "\n".join([f"\n/**/{name}:", "  ros__parameters:", *lines, ""])
+    return text
+
+
 def _ends(nodes: dict[str, Described]) -> str:
     recorded = {f"`{topic.name}`" for topic in RECORDED}
-    topics = _rows(nodes, ("publishes", "subscribes"))
     text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
-    text += "Of a latched topic of depth 1 a subscription stores the last 10.\n\n"
+    text += "Of a latched topic of depth 1 a subscription stores the last 10. `pacman_game` hears `game_status` and "
+    text += "`remove_pellet` only if `selector` is original or none. With simulated time `sim_robot` also publishes "
+    text += "`/clock` and `/clock_owner`.\n\n"
+    started = (PROCESSES.name, PROCESSES.type_name, "publishes", _qos(PROCESSES.qos))
+    topics = _rows({**nodes, "ros up": Described("", [], [started])}, ("publishes", "subscribes"))
     rows = ([*row, "yes" if row[0] in recorded else ""] for row in topics)
     text += table(("Topic", "Type", "QoS", "From", "To", "Recorded"), rows)
     text += "\n## Services and actions\n\n"
@@ -131,12 +246,24 @@ def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
     ]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="python -m tools.robot_reference", description="Write docs/robot_reference.md.")
-    parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the file (%(default)s)")
-    add_check(parser)
+def _write(pages: Sequence[tuple[Path, str]], check: bool) -> int:
     complaint = "is not what the nodes declare: run scripts/robot_reference"
-    return run_command(parser, argv, lambda given: update(given.page, page(), given.check, complaint), "ros")
+    return max([update(path, text, check, complaint) for path, text in pages])
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = Parser(
+        prog="python -m tools.robot_reference", description="Write docs/robot_reference.md, config/game.yaml."
+    )
+    parser.add_argument("page", nargs="?", type=Path, default=PAGE, help="the reference (%(default)s)")
+    parser.add_argument("parameters", nargs="?", type=Path, default=PARAMETERS, help="the parameters (%(default)s)")
+    add_check(parser)
+
+    def write(given: Any) -> int:
+        nodes = describe_all()
+        return _write([(given.page, page(nodes)), (given.parameters, parameter_file(nodes))], given.check)
+
+    return run_command(parser, argv, write, "ros")
 
 
 if __name__ == "__main__":
