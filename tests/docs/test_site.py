@@ -118,7 +118,7 @@ def test_operator_page_has_description_when_shared() -> None:
 
 
 def test_commands_page_has_section_for_every_command(pages: dict[Path, Page], site: Path) -> None:
-    sections = {name.replace(" ", "-") for name in COMMANDS}
+    sections = {re.sub("[ _]", "-", name) for name in COMMANDS}
     assert len(sections) > 20
     assert sections <= pages[site / "commands.html"].ids
 

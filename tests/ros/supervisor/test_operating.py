@@ -336,5 +336,6 @@ def test_second_game_is_refused_by_nodes_of_first(game: Game, monkeypatch: pytes
     game.wait_for(refused_by_audio_node, "the refusal")
     third = ask("up", "--map", "house", "--policy", "nearest", "--namespace", "robot_16")
     assert third.status == 2
-    assert "another clock runs in this ROS domain: /robot_15/sim_robot (/clock); choose another" in third.err
+    # By discovery, or by the lock of the first if a busy machine discovers it late.
+    assert re.search(r"another clock runs in this ROS domain: (/robot_15/sim_robot|another ros up)", third.err)
     assert game.terminal.process.poll() is None
