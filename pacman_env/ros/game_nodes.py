@@ -30,8 +30,8 @@ NAV2 = "nav2"  # a real Nav2 for the simulated base; not a node of the game
 NAV2_BRINGUP, NAV2_BY_HAND = "bringup", "none"  # values of ``nav2``: Nav2's launch file; start by hand
 PAGE = "operator_page"  # optional; not a node of the game
 
-#: Who sends goals: our goal selector; a foreign one, which is not started here; nobody.
-SELECTORS = OURS, ORIGINAL, NOBODY = ("ours", "original", "none")
+#: Who sends goals: our goal selector; a foreign one, which is not started here; no process.
+SELECTORS = OURS, ORIGINAL, _NONE = ("ours", "original", "none")
 
 #: Modules of nodes by the name of their executable.
 MODULES = {

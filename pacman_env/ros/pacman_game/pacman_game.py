@@ -18,6 +18,7 @@ from pacman_env.policies.registry import behaviours_of
 from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.discovery import domain_of
+from pacman_env.ros.game_nodes import ORIGINAL, OURS, SELECTORS
 from pacman_env.ros.heartbeat import HEART, LONG_S, watcher_address
 from pacman_env.ros.message_conversion import number_of
 from pacman_env.ros.node import parameter
@@ -33,16 +34,15 @@ from pacman_env.ros.process import run
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
 from pacman_env.ros.selector.goal_selector import GameSide, GoalSelector, declare_home
+from pacman_env.ros.selector.navigation_client import LOST_GOALS_S
 from pacman_env.ros.selector.policy_child import Answer
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
 from pacman_env.ros.selector.pose_topics import declare_limits
 from pacman_env.ros.standstill import STOOD_STILL
 
 NAME = "pacman_game"
-SELECTORS = OURS, ORIGINAL, NOBODY = ("ours", "original", "none")
 _TICK_S = 0.05  # of the referee
 _REPEAT_S = 1.0  # between repetitions of the pellets' markers, as in the original, and of the saved game
-_LOST_GOALS_S = 2.0  # between checks for goals whose result was lost
 _STARTED = "a round begins: the robot drives home first"
 _RESET = "the game is reset: it is in the menu"
 
@@ -103,7 +103,7 @@ class PacmanGame(ConfiguredNode):
             topics.CONTINUE.server(self, selector.on_continue)
             selector.activate(True)
             self.create_timer(self.config.execution.tick_s, self._decide)
-            self.create_timer(_LOST_GOALS_S, selector.nav2.end_without_results)
+            self.create_timer(LOST_GOALS_S, selector.nav2.end_without_results)
 
     # The saved game
 

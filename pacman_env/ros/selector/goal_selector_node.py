@@ -25,14 +25,13 @@ from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
 from pacman_env.ros.selector.ghost_watch import GhostWatch
 from pacman_env.ros.selector.goal_selector import GoalSelector, declare_home
-from pacman_env.ros.selector.navigation_client import NavigationClient
+from pacman_env.ros.selector.navigation_client import LOST_GOALS_S, NavigationClient
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
 from pacman_env.ros.selector.pose_topics import declare_limits
 from pacman_env.ros.selector.reasons import GHOST_LOST
 from pacman_env.ros.selector.shadow import LoggedGame, Shadow
 
 NAME = "goal_selector"
-_LOST_GOALS_S = 2.0  # between checks for goals whose result was lost
 
 
 class PublishedReports:
@@ -77,7 +76,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         self._policy.wait()
         self._tick_timer = self.create_timer(self.config.execution.tick_s, self._tick)
         self._tick_timer.cancel()
-        self.create_timer(_LOST_GOALS_S, selector.nav2.end_without_results)
+        self.create_timer(LOST_GOALS_S, selector.nav2.end_without_results)
         if autostart:
             self.trigger_configure()
             self.trigger_activate()

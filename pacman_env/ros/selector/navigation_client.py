@@ -15,6 +15,7 @@ from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import BadMessage, Pose, Position, pose_message, pose_of, twist_message
 from pacman_env.ros.selector.message_queue import MessageQueue
 
+LOST_GOALS_S = 2.0  # between calls of ``end_without_results``
 _CANCELLING, _UNKNOWN_GOAL = 0, 2  # action_msgs/CancelGoal
 _REQUEST_AGAIN_S = 5.0  # between requests of a result
 _CLEAR_S = 1.0  # longest wait for the answer to a cancel of all goals
