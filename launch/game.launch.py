@@ -32,7 +32,7 @@ from pacman_env.ros.supervisor.processes import BAD_START
 ARGUMENTS = (
     ("map", "house", "a map's YAML, or a shipped map's name; the one that localization uses"),
     ("policy", "ppo", "what picks the goals: a policy's name or an .onnx file"),
-    ("selector", SELECTORS[0], f"who sends goals, one of {', '.join(SELECTORS)}; original: somebody else's planner"),
+    ("selector", SELECTORS[0], f"who sends goals, one of {', '.join(SELECTORS)}; original: a foreign planner"),
     ("shadow", "", "a policy that decides and logs as well, but sends nothing"),
     ("namespace", NAMESPACE, "of the robot"),
     ("sim", "false", "true: a simulated robot takes the real one's place, on this machine alone"),

@@ -49,7 +49,7 @@ All names are relative, so that the robot's namespace applies (`/robot_15/game_s
 start, unless their meaning states otherwise.
 
 The process `pacman_game` contains the nodes `pacman_game`, `game_event_mapper`, `game_light_node` and `audio_node`; the
-last three can also be started alone. The process `goal_selector` is for somebody else's game, and for a shadow, which
+last three can also be started alone. The process `goal_selector` is for a foreign game, and for a shadow, which
 publishes `shadow/...` instead of `goal_selector/...`.
 
 ## What was tried

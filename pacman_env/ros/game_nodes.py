@@ -19,7 +19,7 @@ SIMULATOR = "sim_robot"
 WATCHER = "watcher"  # halts the robot if the game dies
 GAME = "pacman_game"  # the process with referee, pellets, ghosts, goal selector and the listeners
 LISTENERS = ("game_event_mapper", "game_light_node", "audio_node")
-SELECTOR = "goal_selector"  # a process only in somebody else's game
+SELECTOR = "goal_selector"  # a process only in a foreign game
 ORIGINAL_SELECTOR = "planner_stub"  # the corresponding node of the experiment's software
 ORIGINAL_REFEREE = "game_controller"
 #: Nodes of the experiment's software that are not started here; they have no namespace.

@@ -1,7 +1,7 @@
 """Heartbeats of a process's main thread, by which others notice within a second or two that it is frozen.
 
 Beats are datagrams to Unix sockets: of ``ros up``, named in the environment, and of the game's watcher. A process that
-hangs handles no signal. Therefore the kernel ends it some seconds later, even if nobody listens any more.
+hangs handles no signal. Therefore the kernel ends it some seconds later, even if no process listens any more.
 """
 
 import contextlib
@@ -53,7 +53,7 @@ class Heart:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
             self._socket.setblocking(False)
         for address in self._addresses:
-            with contextlib.suppress(OSError):  # nobody listens there, or not fast enough
+            with contextlib.suppress(OSError):  # no process listens there, or not fast enough
                 self._socket.sendto(_BEAT.pack(os.getpid(), limit_s), f"\0{address}")
 
 

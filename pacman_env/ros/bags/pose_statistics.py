@@ -87,7 +87,7 @@ def simulated_statistics(assets: MapAssets, config: Config, policy: Policy, roun
     for seed in range(rounds):
         batch.reset(np.zeros(1, dtype=np.int64), np.array([seed], dtype=np.uint64))
         policy.reset(np.ones(1, dtype=np.bool_), config)
-        statistics = PoseStatistics(samples)  # poses do not continue those of the previous game
+        statistics = PoseStatistics(samples)  # a game does not continue the poses of the previous one
         last.clear()
         game, last_update = batch.games[0], -1
         choice: NDArray[np.int64] = np.array([batch.hold])

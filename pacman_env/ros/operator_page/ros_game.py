@@ -60,7 +60,7 @@ def _wait_for(condition: Callable[[], object], limit_s: float) -> bool:
 class RosGame:
     """:class:`~pacman_env.web.game_interface.Game` played by the nodes in the namespace of ``node``.
 
-    Whoever runs the node calls :meth:`update` every ``PERIOD_S``. The readiness list compares the robot's map with
+    Its node calls :meth:`update` every ``PERIOD_S``. The readiness list compares the robot's map with
     ``map``, from ``map_file``. ``wait_for`` returns True if a condition becomes true within a time, s; requests wait
     with it in the caller's thread.
     """

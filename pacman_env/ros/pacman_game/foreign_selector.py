@@ -1,4 +1,4 @@
-"""A goal selector of somebody else, such as the original's: it hears the game's topics, and reports on its own."""
+"""A foreign goal selector, such as the original's: it hears the game's topics, and reports on its own."""
 
 from typing import Any
 

@@ -44,7 +44,7 @@ class GameGhosts:
         self.moved = MapGhosts(assets, config, seed)
         self._players = [number for number, name in enumerate(config.clyde.ghosts) if name == POLICY]
         self._view = RobotView(assets, config, seed) if self._players else None
-        self.policy: AskedPolicy | None = None  # asked for the ghosts of policies
+        self.policy: AskedPolicy | None = None  # drives the ghosts of policies
         self._choices = np.zeros(len(self.moved), dtype=GHOST_CHOICE)  # all wander
         self._asked: set[int] = set()  # ghosts with an open question
         self._begins: set[int] = set()  # ghosts whose policy was not asked in this round

@@ -1,6 +1,6 @@
 """The game of a robot: referee, pellets, ghosts and goal selector, which call each other; topics only show it.
 
-There are two kinds of goal selectors: ours, which is called and calls back, and somebody else's, which hears the topics
+There are two kinds of goal selectors: ours, which is called and calls back, and a foreign one, which hears the topics
 and reports on them.
 """
 

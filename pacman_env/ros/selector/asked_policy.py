@@ -98,7 +98,7 @@ class AskedPolicy:
 
     def condition(self) -> dict[str, Any]:
         """Return the diagnostics of the policy's process."""
-        self._poll()  # it may have died while nobody asked
+        self._poll()  # it may have died without a question
         process = self.process
         return {"policy": self.spec, "policy_ready": process.ready, "policy_restarts": process.restarts}
 

@@ -43,9 +43,8 @@ class Diagnostics:
         elif ghosts_received:
             node.once.over(_UNHEARD)
         condition |= {"troubles": node.troubles(), "trouble_texts": dict(node.once.texts)}
-        if (
-            "active" in condition or node.count_publishers(self._json.topic_name) == 1
-        ):  # a foreign selector's count more
+        # A foreign selector publishes here too; its condition counts more.
+        if "active" in condition or node.count_publishers(self._json.topic_name) == 1:
             self._json.publish(String(data=as_json(condition)))
         if self._array is not None:
             self._publish_array(condition)

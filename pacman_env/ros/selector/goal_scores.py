@@ -21,7 +21,7 @@ _CHOSEN, _OTHER = (0.1, 0.8, 0.1), (0.4, 0.4, 0.4)
 
 
 class Explanations:
-    """Publisher of candidates and, while somebody subscribes, of scores and their terms."""
+    """Publisher of candidates and, while they have subscribers, of scores and their terms."""
 
     def __init__(self, node: Any, view: RobotView) -> None:
         self._node = node

@@ -1,4 +1,4 @@
-"""Choose goals for one robot and let Nav2 drive to them, in a game of our own or in somebody else's.
+"""Choose goals for one robot and let Nav2 drive to them, in our own or in a foreign game.
 
 ``game/goal_executor.py`` decides what follows from an event, ``policy_process.py`` asks the policy. No method blocks.
 """
@@ -49,7 +49,7 @@ def declare_home(node: ConfiguredNode) -> Pose | None:
 
 
 class GameSide(Protocol):
-    """What a goal selector tells its game: by calls in a game of our own, by topics in somebody else's."""
+    """Take a goal selector's reports: by calls in our own game, by topics in a foreign one."""
 
     def status(self, word: str) -> None: ...
 

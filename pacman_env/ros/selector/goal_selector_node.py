@@ -1,4 +1,4 @@
-"""Node ``goal_selector``: plays with any registered policy in somebody else's game, such as the original's.
+"""Node ``goal_selector``: plays with any registered policy in a foreign game, such as the original's.
 
 It replaces the original's ``planner_stub`` on the topics of the original's documentation. In a game of our own the goal
 selector is part of ``pacman_game``; as a shadow this node then shows what another policy would do.
@@ -35,7 +35,7 @@ NAME = "goal_selector"
 
 
 class PublishedReports:
-    """The game of somebody else, which hears reports on topics."""
+    """A foreign game, which hears reports on topics."""
 
     def __init__(self, node: ConfiguredNode) -> None:
         self._status, self._event = topics.GAME_STATUS.publisher(node), topics.GAME_EVENT.publisher(node)

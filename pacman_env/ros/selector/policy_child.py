@@ -1,7 +1,7 @@
 """The child process that runs the policies of robot and ghosts: ``python -m ... PIPE``. Does not import ROS.
 
 Policies are users' code: they may raise, hang, end the process or use up the memory. The parent (``policy_process.py``)
-asks one question at a time, and ends this process if anything goes wrong.
+asks questions, and ends this process if anything goes wrong or an answer is late.
 """
 
 import contextlib

@@ -176,7 +176,7 @@ class PolicyProcess:
             self.restarts += 1
             self._start()
         if not self._open:
-            if self.ready and self._pipe.poll():  # the child has ended while nobody asked
+            if self.ready and self._pipe.poll():  # the child has ended without a question
                 self._restart()
             return None
         try:

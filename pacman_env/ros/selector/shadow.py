@@ -1,4 +1,4 @@
-"""In place of Nav2 and the game: log what a goal selector would do while another one drives, and send nothing."""
+"""Log what a goal selector would do while another one drives, and send nothing to Nav2 or the game."""
 
 from collections.abc import Callable
 from typing import Any

@@ -145,9 +145,8 @@ class GameProcesses:
         environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1"}
         self.processes = ProcessGroup(command, self.logs, environment, self._report, (PAGE, SHADOW))
         self.has_begun = False  # True once a round could have begun
-        self._compiled = mark(
-            f"warm-robot-{Path(setup.policy).suffix or setup.policy}"
-        )  # exists if the code of such a game is compiled
+        # This file exists if the code of a game with such a policy is compiled.
+        self._compiled = mark(f"warm-robot-{Path(setup.policy).suffix or setup.policy}")
         self._events = 0
         self._shown: tuple[dict[str, str], int] | None = None  # processes and number of events last published
         self._event = ""

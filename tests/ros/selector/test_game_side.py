@@ -1,4 +1,4 @@
-"""The contract between a goal selector and its game, by calls (ours) and by topics (somebody else's)."""
+"""The contract between a goal selector and its game, by calls (ours) and by topics (foreign)."""
 
 import pytest
 
