@@ -32,5 +32,4 @@ def rehearse(policy: Policy, view: RobotView, config: Config) -> Policy:
     if fastest_s > SLOW_S:
         raise ValueError(f"policy {name_of(policy)!r}: needs {fastest_s:.1f} s to choose, must be at most {SLOW_S:g} s")
     reset(policy, first, config)
-    view.off_the_map(0.0, 0.0)
     return policy
