@@ -5,6 +5,7 @@ asks questions, and ends this process if anything goes wrong or an answer is lat
 """
 
 import contextlib
+import os
 import resource
 import sys
 import time
@@ -170,4 +171,6 @@ def serve(pipe: Connection) -> int:
 
 
 if __name__ == "__main__":
+    # A second descriptor of the pipe, which only the kernel closes: the game hears of the end when the status is known.
+    os.dup(int(sys.argv[1]))
     sys.exit(serve(Connection(int(sys.argv[1]))))
