@@ -68,6 +68,7 @@ class _Forked:
 
 #: Children that were forked before ROS had threads, and wait for their setup.
 _SPARE: list[tuple[Child, Connection]] = []
+_ENDING: list[Child] = []  # killed, but not ended within ``_ENDS_S``; each close reaps them
 
 
 def fork_spare() -> None:
@@ -245,5 +246,7 @@ class PolicyProcess:
         self._open.clear()
         self.ready, self._due_s = False, math.inf
         self.process.kill()
-        self._await_end()
+        _ENDING[:] = [child for child in _ENDING if child.poll() is None]
+        if self._await_end() is None:
+            _ENDING.append(self.process)
         self._pipe.close()
