@@ -89,8 +89,9 @@ function next() {
 }
 
 function showActions() {
-  const [first, second] = ended?.policies ?? [];
-  const noStory = !ended?.story;
+  if (!ended) return;
+  const [first, second] = ended.policies ?? [];
+  const noStory = !ended.story;
   const [what, number] = next();
   writeOrHide($("end-lives"), nextLine(ended));
   $("end-next").hidden = !state.mayControl;
