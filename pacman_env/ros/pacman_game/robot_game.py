@@ -152,8 +152,10 @@ class RobotGame:
         """Resume the game of an earlier process; raises an exception for something else."""
         actions = self.referee.restore(saved["referee"], self._node.now_s())
         self.ghosts.restore(saved["ghosts"])
-        self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
         self.perform(actions)
+        # After the commands, which start the clock of a round.
+        self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
+        self._save()
         self.show_pellets()
 
     def close(self) -> tuple[Any, ...]:
