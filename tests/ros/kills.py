@@ -46,11 +46,12 @@ class Game(ObserverNode):
         self.folder = folder
         self.values: dict[str, Any] = {}
         self.speed_mps, self.moved_s = 0.0, 0.0
-        self.collected: set[str] = set()  # in this round
-        self.total = 0  # in rounds before
+        self.collected: set[str] = set()  # in this round, as reported
+        self.unreported = 0  # pellets of this round that may lack a report: a game is killed after it has saved one
+        self.total = 0  # in rounds before, in which every pellet was collected
         self.wrong: list[str] = []  # scores that were not right
         self.killed_s: dict[str, list[float]] = {}
-        for topic in (topics.GAME_STATE, topics.SCORE, topics.OPERATOR_STOP):
+        for topic in (topics.PELLETS_SPAWNED, topics.GAME_RESULT, topics.SCORE, topics.OPERATOR_STOP):
             topic.subscription(self, lambda message, name=topic.name: self._on_value(name, message.data))
         topics.GAME_STATUS.subscription(self, self._on_status)
         topics.ODOMETRY.subscription(self, self._on_odometry)
@@ -61,9 +62,12 @@ class Game(ObserverNode):
             self.up = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
 
     def _on_value(self, name: str, value: Any) -> None:
-        if name == topics.GAME_STATE.name and value == "menu" and self.collected:
-            self.total, self.collected = self.total + len(self.collected), set()
-        if name == topics.SCORE.name and value != self.total + len(self.collected):
+        if name == topics.GAME_RESULT.name and value not in ("", self.values.get(name)):
+            self.total += self.values[topics.PELLETS_SPAWNED.name]
+            if value != f"Complete - Score: {self.total}":
+                self.wrong.append(f"{value!r} after {self.total} pellets")
+            self.collected, self.unreported = set(), 0
+        if name == topics.SCORE.name and not 0 <= value - self.total - len(self.collected) <= self.unreported:
             self.wrong.append(f"score {value} after {self.total} + {len(self.collected)} pellets")
         self.values[name] = value
 
@@ -126,6 +130,7 @@ class Game(ObserverNode):
             self.await_("a standing robot", lambda: time.monotonic() - self.moved_s > 0.5)
         name, fault = self.victim(), self.random.choice(list(FAULTS))
         self.killed_s.setdefault(name, []).append(time.monotonic())
+        self.unreported += name == GAME
         self.processes()[name].send_signal(FAULTS[fault])
         harmed_s = time.monotonic()
         if stopped:
