@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pacman_env.command_line.command import Parser, count, run_command
+from pacman_env.command_line.game_options import add_game_option
+from pacman_env.command_line.slam_maps import map_sources
 from pacman_env.config import Config, located, make_config, parse_settings
 from pacman_env.config.yaml_files import read_yaml
 from pacman_env.episodes.rollout import episode_seeds, play
@@ -27,7 +29,7 @@ from pacman_env.episodes.statistics import paired_difference, wilson
 from pacman_env.game.ends import COMPLETE
 from pacman_env.levels.assets import map_assets
 from pacman_env.sim.robot_simulation import SimulatedRobot, place
-from pacman_env.world.maps.occupancy import load_map
+from pacman_env.world.maps.occupancy import load_map, shipped_maps
 from pacman_env.world.navigation import navigator
 from pacman_env.world.navigation.grid import DriveGrid, build_grid
 from pacman_env.world.navigation.paths import AT_GOAL, NO_STEP, PathFields
@@ -163,10 +165,11 @@ def drive(robot: SimulatedRobot, goals: Sequence[Goal]) -> list[Driven]:
 
 
 def recorded_goals(folder: Path, config: Config, maps: Path | None = None) -> tuple[str, list[tuple[Goal, Driven]]]:
-    """Return the map's name and goals with what was simulated; maps that are not shipped are ``maps``/NAME/map.yaml."""
+    """Return the map's name and goals with what was simulated; a map is ``maps``/NAME/map.yaml, shipped or fetched."""
     name = read_yaml(folder / "card.yaml")["map"]
     own = (maps or folder) / name / "map.yaml"
-    occupancy = load_map(str(own) if own.is_file() else name)
+    listed = [name] if name in shipped_maps() else [f"slam:{name}"]
+    occupancy = load_map(str(own) if own.is_file() else map_sources(listed)[0])
     robot, trials = SimulatedRobot(occupancy, config), read_goals(folder / "goals.csv")
     return occupancy.name, [pair for goals in trials for pair in zip(goals, drive(robot, goals), strict=True)]
 
@@ -217,12 +220,12 @@ def _share(number: int, rounds: int) -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.validation", description=__doc__)
     add = parser.add_argument
-    add("--map", default="house", help="name or YAML file; the trials used pacmanbot_house (house)")
+    add_game_option(parser, "--map", help="name or YAML file; the trials used slam:pacmanbot_house")
     add("--episodes", type=count(), default=1000, help="number of rounds per row (%(default)s)")
     add("--workers", type=count(), default=1, help="processes (%(default)s)")
     add("--planner-answers", type=Path, help="only compare paths with the paths in this file")
     add("--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings")
-    add("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are not shipped")
+    add("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are neither shipped nor slam:NAME")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")
     return run_command(parser, argv, _report)
 

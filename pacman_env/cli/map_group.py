@@ -9,6 +9,7 @@ from typing import Any
 
 from pacman_env.command_line.command import add_subcommands, finite_number, whole_number
 from pacman_env.command_line.game_options import add_game_option
+from pacman_env.command_line.slam_maps import map_source
 
 
 def add_map_group(commands: Any) -> None:
@@ -16,7 +17,8 @@ def add_map_group(commands: Any) -> None:
     group = add_subcommands(parser)
     check = group.add_parser("check", help="print areas, pellets and warnings of a map")
     add, number = check.add_argument, finite_number()
-    add("map", metavar="FILE_OR_NAME", help="YAML file of a map, its folder, or the name of a shipped map")
+    of_map = "YAML file of a map, its folder, or a name: of a shipped map, or slam:NAME (docs/maps.md)"
+    add("map", type=map_source, metavar="FILE_OR_NAME", help=of_map)
     add("--json", action="store_true", help="print the report as JSON")
     add("--home", nargs=2, type=number, default=(0.0, 0.0), metavar=("X", "Y"), help="home position, m (0 0)")
     add("--spacing", type=number, default=2.0, help="spacing of pellets, m (%(default)s)")

@@ -6,10 +6,16 @@ from typing import Any
 from pacman_env.config import preset_names
 
 from .command import finite_number, whole_number
+from .slam_maps import map_source
 
 #: Arguments of ``add_argument``, by option.
 _OPTIONS: dict[str, dict[str, Any]] = {
-    "--map": {"default": "house", "metavar": "FILE_OR_NAME", "help": "map: a name, or a file or its folder"},
+    "--map": {
+        "type": map_source,
+        "default": "house",
+        "metavar": "FILE_OR_NAME",
+        "help": "map: a name, or a file or its folder",
+    },
     "--policy": {"default": "ppo", "help": "policy: a name, an .onnx file or MODULE:CLASS"},
     "--preset": {"default": "robot", "metavar": "NAME"},  # help: the registered presets
     "--set": {
@@ -23,7 +29,8 @@ _OPTIONS: dict[str, dict[str, Any]] = {
     "--clyde-speed": {"type": finite_number(0), "metavar": "V", "help": "speed of Clyde, m/s"},
 }
 #: Maps of a simulated game.
-SIMULATED_MAP = "map: a name, a file or its folder, generated (a new house each round), generated:test, generated:long"
+_GENERATED = "generated (a new house each round), generated:test, generated:long"
+SIMULATED_MAP = f"map: a name, a file or its folder, slam:NAME (docs/maps.md), {_GENERATED}"
 
 
 def add_game_option(parser: argparse._ActionsContainer, option: str, **changes: Any) -> None:

@@ -2,11 +2,10 @@
 
 import hashlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,9 @@ from tools import scores
 from tools.common import ROOT
 
 Values = Any  # plain data, as JSON stores it
-_SHARED = Path(os.environ.get("PACMAN_ENV_SHARED") or ROOT.parent / "shared")  # real maps; not in the repository
-_LEAGUE_MAPS = (
-    "irl_lab", "aws_small_house", "pacmanbot_house", "ipa_kitchen", "mh_amcl_lab",
-    "irl_aws_house", "f1tenth_levine", "ecn_amphiE", "elsabot_upstairs", "ecn_batS",
-)  # fmt: skip
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
-_SUITE = "--suite brief --policies ppo lookahead clyde_aware nearest"
+_GIVEN_MAPS = "`slam` are the [ten maps made by SLAM](maps.md#maps-made-by-slam). `scripts/slam_maps` fetches them."
+_SUITE = "--suite brief --map slam --policies ppo lookahead clyde_aware nearest"
 
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
 _POLICIES = ("engine", "settings", "evaluation", *_FEATURES, "planner", "policies")
@@ -46,7 +41,6 @@ class Measurement:
 
 def measurements() -> dict[str, Measurement]:
     """Return all measurements by name."""
-    maps = [f"../shared/maps/{name}/map.yaml" for name in _LEAGUE_MAPS]
     found = {
         "compare": _compare("scripts/compare", 1),
         "house": _compare("pacman-env compare --policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000", 5),
@@ -57,10 +51,10 @@ def measurements() -> dict[str, Measurement]:
             lambda _: {f"--seed {seed}": _learned(seed) for seed in range(3)},
         ),
         "leaderboard": Measurement(
-            f"pacman-env compare {_SUITE} --map {' '.join(maps)} --resume --markdown docs/leaderboard.md",
+            f"pacman-env compare {_SUITE} --resume --markdown docs/leaderboard.md",
             _POLICIES,
             80,
-            lambda folder: _league(maps, folder),
+            _league,
         ),
         "speed": Measurement(
             "python -m benchmarks.versions --seconds 2",
@@ -85,10 +79,10 @@ def _learned(seed: int) -> list[str]:
     return [line for line in printed.splitlines() if "rounds completed" in line or "difference" in line]
 
 
-def _league(maps: Sequence[str], folder: Path) -> dict[str, str]:
+def _league(folder: Path) -> dict[str, str]:
     """Write the league table; return the hash of its page."""
-    _compared(f"{_SUITE} --map {' '.join(maps)} --markdown {_LEAGUE}", folder)
-    _LEAGUE.write_text(_LEAGUE.read_text().replace(str(_SHARED), "../shared"))  # as a reader types it
+    _compared(f"{_SUITE} --markdown {_LEAGUE}", folder)
+    _LEAGUE.write_text(_LEAGUE.read_text().replace("\n\n## Summary", f"\n\n{_GIVEN_MAPS}\n\n## Summary"))
     return league_hash()
 
 
@@ -107,8 +101,7 @@ def _kept(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _compared(options: str, folder: Path) -> Values:
-    words = options.replace("../shared", str(_SHARED))
-    return _results("pacman_env.cli.main", f"compare {words} --workers 2 --resume --parts {folder}")
+    return _results("pacman_env.cli.main", f"compare {options} --workers 2 --resume --parts {folder}")
 
 
 def _results(module: str, words: str) -> Values:

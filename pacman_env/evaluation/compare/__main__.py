@@ -42,7 +42,7 @@ def make_parser() -> Parser:
     add = parser.add_argument
     scenarios.add_policy_arguments(parser, POLICIES, "policies; all are compared with the first")
     scenarios.add_game_arguments(parser, several=True)
-    suite = "play the cells of this suite, on test levels and the maps of --map: full, brief, quick, ..."
+    suite = "play the cells of this suite, on test levels and the maps of --map (slam: the league's): full, brief, ..."
     add("--suite", metavar="NAME", help=suite)
     add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
     rounds = f"rounds or games per map, speed and policy ({EPISODES}, or the suite's)"

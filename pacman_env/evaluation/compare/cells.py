@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import Meta
 
+from pacman_env.command_line.slam_maps import map_sources
 from pacman_env.config import ClydeConfig, Config, ConfigError, make_config
 from pacman_env.config.validation import AtLeastOne, NotNegative, convert, located
 from pacman_env.config.yaml_files import read_yaml
@@ -68,6 +69,7 @@ class Cell:
 
 def make_cells(arguments: argparse.Namespace) -> list[Cell]:
     """Return the cells of a comparison; raises ValueError if arguments are invalid or contradict the suite."""
+    arguments = argparse.Namespace(**{**vars(arguments), "map": map_sources(arguments.map)})
     if arguments.suite is not None:
         return _suite_cells(arguments)
     if arguments.suites is not None:
