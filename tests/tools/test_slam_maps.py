@@ -18,7 +18,6 @@ FILES = "maps/plan.yaml", "maps/plan.pgm"
 
 @pytest.fixture
 def listed(tmp_path: Path) -> dict[str, Any]:
-    """The entry of a map in the repository OWNER/NAME in ``tmp_path``."""
     repository = tmp_path / "OWNER" / "NAME"
     (repository / "maps").mkdir(parents=True)
     load_map("maze").save(repository / FILES[0])
