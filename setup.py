@@ -1,16 +1,19 @@
-"""What pyproject.toml cannot say: folders of data beside the package, and an ament_python package for colcon.
+"""What pyproject.toml cannot say: addresses, folders of data beside the package, an ament_python package for colcon.
 
 Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in pyproject.toml, and colcon cannot read
 ``requires-python`` there: so both are here.
 """
 
+import re
 import runpy
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 NAME = "pacman_env"
+ROOT = Path(__file__).resolve().parent
 #: Folders of the checkout, by the name that they have in the installed package (``pacman_env.files.shipped``).
 DATA = {
     f"{NAME}.maps": "maps",
@@ -18,6 +21,15 @@ DATA = {
     f"{NAME}.training.hyperparameters": "train/hyperparameters",
 }
 SHARED = ("launch/*.py", "config/*", "maps/*.yaml", "maps/*.pgm")
+PACKAGE = ElementTree.parse(ROOT / "package.xml")  # the one file with the public addresses
+URLS = {url.get("type"): url.text for url in PACKAGE.iter("url")}
+SOURCE, TAG = URLS["repository"].removesuffix(".git"), f"v{PACKAGE.findtext('version')}"
+
+
+def absolute(link: re.Match[str]) -> str:
+    """Return the beginning of a link of README with the address of its file at this version."""
+    start, path = link.groups()
+    return f"{start}{SOURCE}/{'raw' if path.endswith(('.png', '.svg', '.webp')) else 'blob'}/{TAG}/{path}"
 
 
 def complete(build: Path, source: Path) -> None:
@@ -25,7 +37,7 @@ def complete(build: Path, source: Path) -> None:
 
     Colcon links the folder ``pacman_env`` alone, not pyproject.toml and not the folders of data beside it.
     """
-    for name in ("pyproject.toml", "README.md", "LICENSE", *(folder.partition("/")[0] for folder in DATA.values())):
+    for name in ("pyproject.toml", "LICENSE", *(folder.partition("/")[0] for folder in DATA.values())):
         if not (build / name).exists():
             (build / name).symlink_to(source / name)
 
@@ -53,6 +65,16 @@ setup(
     package_dir=DATA,
     license="MIT",
     python_requires=">=3.11",
+    long_description=re.sub(  # package indexes show it, far from the files that README links to
+        r'(\]\(|(?:href|src|srcset)=")(?!https?:|#)([^)"\s]+)', absolute, (ROOT / "README.md").read_text("utf-8")
+    ),
+    long_description_content_type="text/markdown",
+    project_urls={
+        "Documentation": URLS["website"],
+        "Source": SOURCE,
+        "Issues": URLS["bugtracker"],
+        "Changelog": f"{SOURCE}/blob/{TAG}/CHANGELOG.md",
+    },
     entry_points={"console_scripts": commands},
     data_files=data_files,
 )

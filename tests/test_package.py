@@ -1,8 +1,10 @@
 """The sdist is the checkout; the wheel built from it plays every shipped map without the checkout."""
 
 import email
+import email.message
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -119,16 +121,40 @@ def test_sdist_contains_exactly_the_tracked_project_files(
     assert packed - written - {"MANIFEST.in"} == {name for name in tracked if not name.startswith(NOT_PACKED)}
 
 
-def test_wheel_metadata_describes_project(distributions: tuple[Path, Path, str]) -> None:
+@pytest.fixture(scope="module")
+def metadata(distributions: tuple[Path, Path, str]) -> email.message.Message:
     with zipfile.ZipFile(distributions[1]) as wheel:
         (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
-        metadata = email.message_from_bytes(wheel.read(name))
+        return email.message_from_string(wheel.read(name).decode())
+
+
+def test_wheel_metadata_describes_project(metadata: email.message.Message) -> None:
     assert metadata["Version"] == pacman_env.__version__
     assert metadata["License"] == "MIT"
     assert metadata["Requires-Python"] == ">=3.11"
+    assert metadata["Description-Content-Type"] == "text/markdown"
     assert "reinforcement learning" in metadata["Keywords"].split(",")
     assert "Programming Language :: Python :: 3.11" in metadata.get_all("Classifier", [])
     assert str(metadata.get_payload()).startswith("# pacman_env\n")
+
+
+def test_package_index_shows_films_and_no_dead_link(metadata: email.message.Message) -> None:
+    markdown = pytest.importorskip(
+        "readme_renderer.markdown", reason="readme_renderer[md] of the extra test is missing"
+    )
+    urls = dict(url.split(", ") for url in metadata.get_all("Project-URL", []))
+    assert urls.keys() == {"Documentation", "Source", "Issues", "Changelog"}
+    page = markdown.render(metadata.get_payload())
+    pictures, links = re.findall(r'<img[^>]* src="([^"]*)', page), re.findall(r'href="([^"]*)', page)
+    source, tag = re.escape(urls["Source"]), f"v{pacman_env.__version__}"
+    own = [
+        re.fullmatch(rf"{source}/(?:raw|blob)/{tag}/([^#]*).*", link) for link in (*pictures, *links, *urls.values())
+    ]
+    files = [match[1] for match in own if match]
+    assert {"docs/images/round.webp", "docs/index.md", "CHANGELOG.md"} <= set(files)
+    assert all((ROOT / file).exists() for file in files)
+    assert all(f'id="{link[1:]}"' in page for link in links if link.startswith("#"))
+    assert all(link.startswith("https://") for link in (*pictures, *links) if not link.startswith("#"))
 
 
 def test_wheel_contains_exactly_package_maps_and_planners(distributions: tuple[Path, Path, str]) -> None:
