@@ -88,13 +88,13 @@ def corners(assets: MapAssets) -> NDArray[np.float64]:
     return np.array([assets.grid.to_world(c, r) for c in (0, columns - 1) for r in (0, rows - 1)])
 
 
-def _games(*policies: str) -> list[RecordedGame]:
-    return record_games("house", make_config(), {policy: policy for policy in policies}, replay.SEED)
+def _games() -> list[RecordedGame]:
+    return record_games("house", make_config(), {policy: policy for policy in replay.POLICIES}, replay.SEED)
 
 
 def draw_replay(theme: Theme) -> Image:
     """Draw the rounds of the page "Replay" at their ends."""
-    games = _games(*replay.POLICIES)
+    games = _games()
     for game in games:
         while not game.over:
             game.step()
@@ -102,8 +102,8 @@ def draw_replay(theme: Theme) -> Image:
 
 
 def save_round(path: Path, theme: Theme = "light") -> None:
-    """Film the round of ``ppo`` at 8 times real time: every second picture, the last one for 2 s."""
-    save_film([*film(_games("ppo"), 480, theme)][::-2][::-1], path, 125, 2000)
+    """Film these rounds at 8 times real time: every second picture, the last one for 2 s."""
+    save_film([*film(_games(), 400, theme)][::-2][::-1], path, 125, 2000)
 
 
 def draw_story(theme: Theme) -> Image:

@@ -31,14 +31,14 @@ def test_committed_animation_equals_current_round(tmp_path: Path, theme: Theme) 
     save_round(tmp_path / name, theme)
     with Picture.open(IMAGES / name) as committed, Picture.open(tmp_path / name) as drawn:
         assert getattr(committed, "n_frames", 1) == getattr(drawn, "n_frames", 1) > 100
-        assert 480 <= committed.width <= 720
+        assert 800 <= committed.width <= 900
         for moment in (0, 50, -1):
             frames = []
             for film in (committed, drawn):
                 film.seek(moment % getattr(film, "n_frames", 1))
                 frames.append(np.asarray(film.convert("RGB"), dtype=np.int16))
             assert np.abs(frames[0] - frames[1]).mean() <= TOLERANCE
-    assert (IMAGES / name).stat().st_size < 350_000
+    assert (IMAGES / name).stat().st_size < 450_000
 
 
 def test_committed_learning_picture_shows_stored_figures() -> None:
