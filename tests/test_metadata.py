@@ -3,9 +3,12 @@
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
+
+from tools.figures import store
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -14,9 +17,13 @@ PYTHONS = [
 ]
 
 
-def test_citation_names_authors_of_project() -> None:
+def test_citations_name_title_and_authors_of_project() -> None:
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert [author["name"] for author in PROJECT["authors"]] == [author["name"] for author in citation["authors"]]
+    authors = [author["name"] for author in PROJECT["authors"]]
+    assert authors == [author["name"] for author in citation["authors"]]
+    (entry,) = re.findall(r"```bibtex\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert f"author = {{{{{' and '.join(authors)}}}}}" in entry
+    assert f"title = {{{citation['title']}}}" in entry
 
 
 def test_licence_is_mit_in_every_file() -> None:
@@ -27,12 +34,14 @@ def test_licence_is_mit_in_every_file() -> None:
     assert card()["license"] == "mit"
 
 
-def test_badges_name_supported_pythons_and_licence() -> None:
+def test_badges_name_supported_pythons_libraries_and_licence() -> None:
     badges = re.findall(r"!\[([^]]*)\]\(https://img\.shields\.io/badge/([^)]*)\)", (ROOT / "README.md").read_text())
-    assert dict(badges).keys() == {f"Python {PYTHONS[0]} to {PYTHONS[-1]}", "Licence: MIT"}
-    shown = " ".join(text for _, text in badges)
-    assert all(version in shown for version in PYTHONS)
-    assert "-MIT-" in shown
+    least = dict(re.findall(r"^(\w+)>=([\d.]+)", "\n".join(PROJECT["dependencies"]), re.MULTILINE))
+    libraries = [f"{name} {least[name.lower()]} or newer" for name in ("Gymnasium", "PettingZoo")]
+    assert [name for name, _ in badges] == [f"Python {PYTHONS[0]} to {PYTHONS[-1]}", *libraries, "Licence: MIT"]
+    for name, badge in badges:
+        assert all(number in badge for number in re.findall(r"\d+\.\d+", name))
+    assert all(version in badges[0][1] for version in PYTHONS)
     assert f'python_requires=">={PYTHONS[0]}"' in (ROOT / "setup.py").read_text()
 
 
@@ -42,6 +51,16 @@ def test_model_card_names_shipped_planner() -> None:
     assert "reinforcement-learning" in facts["tags"]
     assert facts["model_name"] == "ppo"
     assert (ROOT / "pacman_env" / "policies" / "pretrained" / f"{facts['model_name']}.onnx").is_file()
+
+
+def test_model_index_contains_stored_figures() -> None:
+    stored = [row for row in store.read()["house"]["values"] if row["policy"] == "ppo"]
+    results = card()["model-index"][0]["results"]
+    assert len(results) == len(stored)
+    for row, result in zip(stored, results, strict=True):
+        assert result["dataset"]["name"] == row["map"]
+        assert result["dataset"]["args"] == {name: row[name] for name in ("clyde_speed", "episodes")}
+        assert [metric["value"] for metric in result["metrics"]] == [round(100 * row["completion_rate"], 1)]
 
 
 @pytest.mark.parametrize(
@@ -59,7 +78,7 @@ def test_workflows_pin_actions_and_run_every_python(workflow: Path) -> None:
     assert pythons == [PYTHONS] * (workflow.stem in ("tests", "release"))
 
 
-def card() -> dict[str, str]:
+def card() -> dict[str, Any]:
     """The YAML between the first two lines of dashes."""
     _, front, _ = (ROOT / "docs" / "model_card.md").read_text().split("---\n", 2)
     return yaml.safe_load(front)
