@@ -134,7 +134,8 @@ def page(env_id: str, env: Any) -> str:
         "planner": {"planner_candidates": _columns(CandidateColumn), "planner_globals": _global_columns()},
     }
     shown |= {"env_id": env_id, "env": env, "entry": entry, "config": config, "parts": parts, "observed": observed}
-    return _TEMPLATES.get_template("ids.md.j2").render(shown).rstrip() + "\n"
+    text = _TEMPLATES.get_template("ids.md.j2").render(shown)
+    return re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
 
 
 def _parts(env: Any) -> dict[str, ObservationPart]:
