@@ -56,7 +56,6 @@ def test_model_card_names_shipped_planner() -> None:
 def test_model_index_contains_stored_figures() -> None:
     stored = [row for row in store.read()["house"]["values"] if row["policy"] == "ppo"]
     results = card()["model-index"][0]["results"]
-    assert len(results) == len(stored)
     for row, result in zip(stored, results, strict=True):
         assert result["dataset"]["name"] == row["map"]
         assert result["dataset"]["args"] == {name: row[name] for name in ("clyde_speed", "episodes")}
