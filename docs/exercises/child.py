@@ -104,7 +104,7 @@ def explain(error: BaseException, path: Path) -> str:
         lines = [at for at, line in enumerate(code, 1) if re.match(rf"class {name[1]}\b", line)]
     text = f"{type(error).__name__}: {error}"
     if isinstance(error, ModuleNotFoundError) and error.name in ("torch", "stable_baselines3", "sb3_contrib"):
-        text += ": task 5 needs pip install -e '.[train]'"
+        text += ": task 5 needs PyTorch, see README.md"
     if not lines:
         return text[:MOST_TEXT]
     return f"{text[:MOST_TEXT]}\n{path.name}, line {lines[-1]}: {linecache.getline(str(path), lines[-1] or 0).strip()}"

@@ -1,10 +1,11 @@
-"""Grade the exercises: ``python docs/exercises/grade.py [--task N ...] [--file tasks.py] [--draw N] [--limit S]``.
+"""Grade the exercises: ``python docs/exercises/grade.py [FILE ...] [--task N] [--csv TABLE] [--draw N] [--limit S]``.
 
 Exit status: 0 if all points were reached, 1 if not, 2 for wrong usage. README.md has the tasks, checks.py what they
-require. The student's file runs in a child process for each task; everything else happens here.
+require. A student's file runs in a child process for each task; everything else happens here.
 """
 
 import argparse
+import csv
 import functools
 import io
 import math
@@ -17,6 +18,7 @@ from pathlib import Path
 from checks import TASKS, TOTAL, task_6
 from student import Missed, Student
 
+from pacman_env.files import prepare, replaced
 from pacman_env.policies.policy_calls import PolicyError
 
 FOLDER = Path(__file__).resolve().parent
@@ -33,8 +35,12 @@ def explain(error: Exception) -> str:
 
 def say(text: str, begin: str = INDENT) -> None:
     """Print a text of the student's file: further lines are indented, so that none looks like one of the grader."""
-    lines = ("".join(c if c.isprintable() else "?" for c in line) for line in text.splitlines())
-    print(begin + f"\n{INDENT}".join(lines), flush=True)
+    print(begin + f"\n{INDENT}".join(map(printable, text.splitlines())), flush=True)
+
+
+def printable(text: str) -> str:
+    """Return a text as one line without control characters."""
+    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 def processor_s() -> float:
@@ -43,11 +49,11 @@ def processor_s() -> float:
     return time.process_time() + children.ru_utime + children.ru_stime
 
 
-def grade(number: int, student: Student, draw: int) -> int:
-    """Print the items of a task and return its points."""
+def grade(number: int, student: Student, draw: int) -> tuple[int, str]:
+    """Print the items of a task; return its points, and the error that has ended it, if any."""
     task = functools.partial(task_6, draw=draw) if number == 6 else TASKS[number]
     print(f"Task {number}: {TASKS[number].__doc__}", flush=True)
-    reached = seen = 0
+    reached, seen, ended = 0, 0, ""
     try:
         for item in task(student):
             seen += item.points
@@ -56,47 +62,85 @@ def grade(number: int, student: Student, draw: int) -> int:
             if item.complaint:
                 say(item.complaint)
     except Exception as error:  # an answer may be anything
-        say(explain(error), f"  0 of {TOTAL - seen:2}  ")
-    return reached
+        ended = explain(error)
+        say(ended, f"  0 of {TOTAL - seen:2}  ")
+    return reached, ended
+
+
+def grade_file(path: Path, numbers: Sequence[int], draw: int, limit_s: float) -> tuple[dict[int, int], str]:
+    """Print the results of a file; return the points of each task, and the errors in one line."""
+    points, errors = dict.fromkeys(numbers, 0), []
+    for number in numbers:
+        began_s = processor_s()
+        student = Student(path, limit_s)
+        try:
+            student.load()
+            points[number], ended = grade(number, student, draw)
+        except Missed as error:
+            say(str(error), f"{printable(path.name)} cannot be imported: ")
+            errors.append(f"cannot be imported: {error}")
+            break
+        finally:
+            if printed := student.stop():
+                say(printed, f"  printed by the file, at most the last lines:\n{INDENT}")
+        if ended:
+            errors.append(f"task {number}: {ended}")
+        used_s = processor_s() - began_s
+        print(f"  {points[number]} of {TOTAL} points, {used_s:.0f} s of processor time\n", flush=True)
+    print(f"Total: {sum(points.values())} of {TOTAL * len(numbers)} points", flush=True)
+    return points, printable("; ".join(error.replace("\n", ", ") for error in errors))
+
+
+def write_marks(path: Path, numbers: Sequence[int], marks: dict[Path, tuple[dict[int, int], str]]) -> None:
+    """Write a table with a row for each file, atomically."""
+    with replaced(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["file", *(f"task {number}" for number in numbers), "total", "errors"])
+        for submission, (points, errors) in marks.items():
+            name = printable(str(submission))
+            name = f"'{name}" if name.startswith(("=", "+", "-", "@")) else name  # no formula for a spreadsheet
+            table.writerow([name, *points.values(), sum(points.values()), errors])
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Grade a file and return the exit status."""
     parser = argparse.ArgumentParser(description="Grade the exercises of docs/exercises/README.md.")
-    parser.add_argument("--task", type=int, nargs="+", choices=sorted(TASKS), metavar="N", help="tasks (all)")
-    parser.add_argument("--file", type=Path, default=FOLDER / "tasks.py", help="the student's file (%(default)s)")
+    parser.add_argument(
+        "files", type=Path, nargs="*", default=[FOLDER / "tasks.py"], metavar="FILE", help="students' files (tasks.py)"
+    )
+    parser.add_argument(
+        "--task", type=int, action="append", choices=sorted(TASKS), metavar="N", help="a task, repeatable (all)"
+    )
+    parser.add_argument("--csv", type=Path, metavar="TABLE", help="write a table, TABLE.csv, with a row for each file")
     parser.add_argument("--draw", type=int, default=0, metavar="N", help="other seeds for task 6, at least 0 (0)")
     parser.add_argument(
         "--limit", type=float, default=LIMIT_S, metavar="S", help="processor time of a task, s (%(default)g)"
     )
     given = parser.parse_args(argv)
-    path = given.file.resolve()
-    if not path.is_file() or path.suffix != ".py":
-        parser.error(f"--file {given.file}: must be an existing .py file")
+    for path in given.files:
+        if not path.is_file() or path.suffix != ".py":
+            parser.error(f"FILE {path}: must be an existing .py file")
+    if given.csv is not None and given.csv.suffix != ".csv":
+        parser.error(f"--csv {given.csv}: must end in .csv")
     if given.draw < 0:
         parser.error(f"--draw {given.draw}: must be at least 0")
     if not 0 < given.limit < math.inf:
         parser.error(f"--limit {given.limit}: must be above 0 and finite")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # the file's messages may contain any character
-    numbers = sorted(given.task or TASKS)
-    reached = 0
-    for number in numbers:
-        began_s = processor_s()
-        student = Student(path, given.limit)
+    if given.csv is not None:
         try:
-            student.load()
-            points = grade(number, student, given.draw)
-        except Missed as error:
-            say(str(error), f"{path.name} cannot be imported: ")
-            break
-        finally:
-            if printed := student.stop():
-                say(printed, f"  printed by the file, at most the last lines:\n{INDENT}")
-        reached += points
-        print(f"  {points} of {TOTAL} points, {processor_s() - began_s:.0f} s of processor time\n", flush=True)
-    print(f"Total: {reached} of {TOTAL * len(numbers)} points")
-    return 0 if reached == TOTAL * len(numbers) else 1
+            prepare(given.csv)
+        except ValueError as error:
+            parser.error(f"--csv {error}")
+    numbers, marks = sorted(set(given.task or TASKS)), {}
+    for path in given.files:
+        if len(given.files) > 1:
+            print(f"{printable(str(path))}:", flush=True)
+        marks[path] = grade_file(path.resolve(), numbers, given.draw, given.limit)
+        if given.csv is not None:
+            write_marks(given.csv, numbers, marks)
+    return 0 if all(sum(points.values()) == TOTAL * len(numbers) for points, _ in marks.values()) else 1
 
 
 if __name__ == "__main__":
