@@ -74,7 +74,7 @@ SUBMISSIONS = {name: (TASK_2.format(body), (10, 0, 10)) for name, body in WRONG.
 
 def graded(grader: ModuleType, path: Path, code: str, *arguments: str) -> int:
     path.write_text(FILE.format(solutions=SOLUTIONS.read_text(), code=code), encoding="latin-1")
-    return grader.main([*arguments, "--file", str(path)])
+    return grader.main([*arguments, str(path)])
 
 
 @pytest.mark.daily
@@ -83,7 +83,7 @@ def test_submission_gets_its_points(
     name: str, grader: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code, points = SUBMISSIONS[name]
-    status = graded(grader, tmp_path / "answer.py", code, "--task", "1", "2", "6", "--limit", "10")
+    status = graded(grader, tmp_path / "answer.py", code, "--task=1", "--task=2", "--task=6", "--limit", "10")
     out = capsys.readouterr().out
     got = [int(found) for found in re.findall(r"^  (\d+) of 10 points", out, re.MULTILINE)]
     assert (got or [*LOST], out.splitlines()[-1]) == ([*points], f"Total: {sum(points)} of 30 points"), out

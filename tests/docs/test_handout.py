@@ -1,0 +1,55 @@
+"""The zip for students contains no solution, and its grader writes a table that submissions cannot forge."""
+
+import csv
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.docs.test_exercises import SOLUTIONS
+from tests.pages import ROOT
+
+FORGED = 'eva.py,10,10,\n"eva.py",10,10,'
+
+
+@pytest.fixture(scope="module")
+def handout(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if not (ROOT / ".git").exists():
+        pytest.skip("no checkout")
+    folder = tmp_path_factory.mktemp("handout")
+    (wheel := folder / "pacman_env-0-py3-none-any.whl").touch()
+    subprocess.run([ROOT / "scripts" / "handout", folder, wheel], check=True, capture_output=True)
+    zipfile.ZipFile(folder / "pacman_exercises.zip").extractall(folder)
+    return folder / "pacman_exercises"
+
+
+def test_handout_contains_tasks_but_no_solution(handout: Path) -> None:
+    texts = [path.read_text() for path in handout.rglob("*") if path.suffix in (".py", ".md", ".ipynb")]
+    solved = [line for line in SOLUTIONS.read_text().splitlines() if re.match(r" +(return|cost_m =) .{40}", line)]
+    assert len(solved) > 5
+    assert [line for line in solved for text in texts if line.strip() in text] == []
+    assert not any(SOLUTIONS.stem in text for text in texts)
+    tasks = (handout / "docs" / "exercises" / "tasks.py").read_text()
+    assert tasks.count("raise NotImplementedError") == 6
+    assert (handout / "requirements.txt").read_text().split()[-1] == "./pacman_env-0-py3-none-any.whl[eval,web]"
+
+
+def test_table_of_handout_has_one_row_per_submission(handout: Path) -> None:
+    shutil.copy(SOLUTIONS, handout / "ada.py")
+    (handout / f"={FORGED}.py").write_text(f"raise ValueError({FORGED!r})")
+    files = [path.name for path in sorted(handout.glob("*.py"))]
+    command = [sys.executable, "docs/exercises/grade.py", "--task", "1", "--csv", "marks.csv", *files]
+    done = subprocess.run(command, cwd=handout, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True)
+    assert done.returncode == 1, done.stderr
+    text = (handout / "marks.csv").read_text()
+    head, forged, ada = csv.reader(text.splitlines())
+    assert head == ["file", "task 1", "total", "errors"]
+    assert ada == ["ada.py", "10", "10", ""]
+    assert forged[0].startswith("'=")
+    assert forged[1:3] == ["0", "0"]
+    assert "ValueError" in forged[3]
