@@ -24,6 +24,7 @@ from pacman_env.policies.policy_calls import PolicyError
 FOLDER = Path(__file__).resolve().parent
 LIMIT_S = 180.0  # of a task
 INDENT = " " * 10
+Marks = tuple[dict[int, int], str]  # points of each task, errors in one line
 
 
 def explain(error: Exception) -> str:
@@ -50,10 +51,10 @@ def processor_s() -> float:
 
 
 def grade(number: int, student: Student, draw: int) -> tuple[int, str]:
-    """Print the items of a task; return its points, and the error that has ended it, if any."""
+    """Print the items of a task; return its points, and why it could not be graded further."""
     task = functools.partial(task_6, draw=draw) if number == 6 else TASKS[number]
     print(f"Task {number}: {TASKS[number].__doc__}", flush=True)
-    reached, seen, ended = 0, 0, ""
+    reached = seen = 0
     try:
         for item in task(student):
             seen += item.points
@@ -62,36 +63,35 @@ def grade(number: int, student: Student, draw: int) -> tuple[int, str]:
             if item.complaint:
                 say(item.complaint)
     except Exception as error:  # an answer may be anything
-        ended = explain(error)
-        say(ended, f"  0 of {TOTAL - seen:2}  ")
-    return reached, ended
+        say(reason := explain(error), f"  0 of {TOTAL - seen:2}  ")
+        return reached, f"task {number}: {reason}"
+    return reached, ""
 
 
-def grade_file(path: Path, numbers: Sequence[int], draw: int, limit_s: float) -> tuple[dict[int, int], str]:
-    """Print the results of a file; return the points of each task, and the errors in one line."""
+def grade_file(path: Path, numbers: Sequence[int], draw: int, limit_s: float) -> Marks:
+    """Print the results of a file and return its marks."""
     points, errors = dict.fromkeys(numbers, 0), []
     for number in numbers:
         began_s = processor_s()
         student = Student(path, limit_s)
         try:
             student.load()
-            points[number], ended = grade(number, student, draw)
-        except Missed as error:
-            say(str(error), f"{printable(path.name)} cannot be imported: ")
-            errors.append(f"cannot be imported: {error}")
+            points[number], error = grade(number, student, draw)
+            errors += [error] * bool(error)
+        except Missed as missed:
+            errors.append(f"cannot be imported: {missed}")
+            say(errors[-1], f"{printable(path.name)} ")
             break
         finally:
             if printed := student.stop():
                 say(printed, f"  printed by the file, at most the last lines:\n{INDENT}")
-        if ended:
-            errors.append(f"task {number}: {ended}")
         used_s = processor_s() - began_s
         print(f"  {points[number]} of {TOTAL} points, {used_s:.0f} s of processor time\n", flush=True)
     print(f"Total: {sum(points.values())} of {TOTAL * len(numbers)} points", flush=True)
-    return points, printable("; ".join(error.replace("\n", ", ") for error in errors))
+    return points, printable("; ".join(errors).replace("\n", ", "))
 
 
-def write_marks(path: Path, numbers: Sequence[int], marks: dict[Path, tuple[dict[int, int], str]]) -> None:
+def write_marks(path: Path, numbers: Sequence[int], marks: dict[Path, Marks]) -> None:
     """Write a table with a row for each file, atomically."""
     with replaced(path) as temporary, temporary.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
@@ -117,26 +117,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         "--limit", type=float, default=LIMIT_S, metavar="S", help="processor time of a task, s (%(default)g)"
     )
     given = parser.parse_args(argv)
+    try:
+        if given.csv is not None and prepare(given.csv).suffix != ".csv":
+            raise ValueError(f"{given.csv}: must end in .csv")
+    except ValueError as error:
+        parser.error(f"--csv {error}")
     for path in given.files:
         if not path.is_file() or path.suffix != ".py":
             parser.error(f"FILE {path}: must be an existing .py file")
-    if given.csv is not None and given.csv.suffix != ".csv":
-        parser.error(f"--csv {given.csv}: must end in .csv")
     if given.draw < 0:
         parser.error(f"--draw {given.draw}: must be at least 0")
     if not 0 < given.limit < math.inf:
         parser.error(f"--limit {given.limit}: must be above 0 and finite")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # the file's messages may contain any character
-    if given.csv is not None:
-        try:
-            prepare(given.csv)
-        except ValueError as error:
-            parser.error(f"--csv {error}")
     numbers, marks = sorted(set(given.task or TASKS)), {}
     for path in given.files:
-        if len(given.files) > 1:
-            print(f"{printable(str(path))}:", flush=True)
+        print(f"{printable(str(path))}:", flush=True)
         marks[path] = grade_file(path.resolve(), numbers, given.draw, given.limit)
         if given.csv is not None:
             write_marks(given.csv, numbers, marks)
