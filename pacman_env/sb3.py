@@ -1,24 +1,39 @@
-"""The native vector environment as a Stable-Baselines3 ``VecEnv`` (the extra ``train``)."""
+"""The native vector environment as a Stable-Baselines3 ``VecEnv``, and its models as policies (extra ``train``)."""
 
+import copy
+import io
+import os
 import time
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
+import torch
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
+from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.vec_env import VecCheckNan, VecEnv, VecEnvWrapper, VecMonitor, VecNormalize
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
+from ._version import __version__
+from .config import Config
+from .config.validation import require
 from .envs.arguments import check_render_mode
 from .envs.guard import Guarded, exclusive
 from .envs.pacmanbot_vector import PacManBotVectorEnv
 from .envs.resets import Seed, checked_seed
+from .files import commit, prepare, replaced
+from .observations.planner_features import VERSION
 from .observations.robot_features import Observation
+from .policies.flat import GROUPS, KEY, FlatMetadata, FlatPolicy
+from .policies.metadata import dump
 
-__all__ = ["PacManBotVecEnv"]
+__all__ = ["PacManBotVecEnv", "export"]
 
 _FINAL = ("final_obs", "final_info")
 _METHODS = ("action_masks", "render")  # methods that a single environment also has
@@ -199,3 +214,87 @@ def _rows(infos: dict[str, Any], **more: NDArray[Any]) -> list[dict[str, Any]]:
     names = tuple(columns)
     values = [list(v) if v.ndim > 1 else v.tolist() for v in columns.values()]
     return [dict(zip(names, row, strict=True)) for row in zip(*values, strict=True)]
+
+
+#: Policies that can be exported; their subclasses, such as recurrent ones, compute something else.
+_POLICIES = {"ActorCriticPolicy", "MaskableActorCriticPolicy", "DQNPolicy"}
+_KINDS = {"planner", "features", "power", "bearings"}  # kinds that are computed from a situation alone
+_TOLERANCE = 1e-4  # largest difference between the scores of torch and of the file
+
+
+class _Scores(torch.nn.Module):
+    """The scores (1, A) of a policy's actions for an observation (1, F) that ``normalizers`` have not seen."""
+
+    def __init__(self, policy: BasePolicy, normalizers: Sequence[VecNormalize]) -> None:
+        super().__init__()
+        self.policy, self._normalizers = policy, normalizers
+
+    def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        for one in self._normalizers:
+            mean, divisor = map(torch.from_numpy, (one.obs_rms.mean, np.sqrt(one.obs_rms.var + one.epsilon)))
+            observation = ((observation.double() - mean) / divisor).clamp(-one.clip_obs, one.clip_obs).float()
+        policy: Any = self.policy
+        if hasattr(policy, "q_net"):
+            return policy.q_net(observation)
+        features = BasePolicy.extract_features(policy, observation, policy.pi_features_extractor)
+        return policy.action_net(policy.mlp_extractor.forward_actor(features))
+
+
+def export(model: BaseAlgorithm, path: str | os.PathLike[str]) -> None:
+    """Write the policy of a model as an ONNX file, which every command plays: ``export(model, "model.onnx")``.
+
+    The model is PPO, A2C, MaskablePPO or DQN with ``MlpPolicy``, trained with ``flat=True`` or on an id
+    ``PacManBotFlat...`` with goals. The file contains the statistics of ``VecNormalize``. Its policy chooses the best
+    allowed action, also for models that know no mask.
+
+    Raises ValueError for another model, and keeps an old file, if the results of the new one differ from torch's.
+    """
+    import onnx
+
+    path = Path(path)
+    require(path.suffix.lower() == ".onnx", "path", str(path), "must end in .onnx")
+    name = type(model.policy).__name__
+    require(name in _POLICIES, "policy", name, f"must be one of {', '.join(sorted(_POLICIES))}: 'MlpPolicy'")
+    config, normalizers = _observed_by(model)
+    network = _Scores(copy.deepcopy(model.policy).cpu().eval(), normalizers)
+    shape, file = (64, *model.observation_space.shape), io.BytesIO()
+    inputs = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    with warnings.catch_warnings(action="ignore"), torch.no_grad():
+        names: Any = {"input_names": ["observation"], "output_names": ["scores"]}
+        torch.onnx.export(network, torch.from_numpy(inputs[:1]), file, dynamo=False, opset_version=17, **names)
+        expected = [network(torch.from_numpy(row[None]))[0].numpy() for row in inputs]
+    graph = onnx.load_from_string(file.getvalue())
+    settings = {field: value for field, value in config.as_settings().items() if field.startswith(GROUPS)}
+    about = FlatMetadata(1, VERSION, settings, __version__, commit())
+    onnx.helper.set_model_props(graph, {KEY: dump(about, path)})
+    with replaced(prepare(path)) as new:
+        new.write_bytes(graph.SerializeToString())
+        worst = np.abs(FlatPolicy(new).run(inputs) - expected).max()
+        require(worst <= _TOLERANCE, "difference", worst, f"scores of file and torch differ, must be {_TOLERANCE}")
+
+
+def _observed_by(model: BaseAlgorithm) -> tuple[Config, list[VecNormalize]]:
+    """Return the configuration of a model's games, and what normalizes their observations, the innermost first.
+
+    Raises ConfigError unless the observations are those of a flat environment that chooses goals.
+    """
+    env: Any = model.get_env()
+    normalizers = []
+    while isinstance(env, VecEnvWrapper):
+        known = (VecNormalize, VecMonitor, VecCheckNan)
+        require(isinstance(env, known), "env", type(env).__name__, "must not be wrapped, except in VecNormalize")
+        normalizers[:0] = [env] if isinstance(env, VecNormalize) and env.norm_obs else []
+        env = env.venv
+    try:
+        config = env.get_attr("config")[0]
+        changed = any(map(any, map(env.env_is_wrapped, (gym.ObservationWrapper, gym.ActionWrapper))))
+    except AttributeError:
+        raise ValueError("env: must be an environment of pacman_env; give env=... to the model's load()") from None
+    require(not changed, "env", "wrapped", "must have no ObservationWrapper or ActionWrapper")
+    for field, value in (("action", "goal"), ("observation.flat", True), ("observation.candidates", "nearest")):
+        require(config.value(field) == value, field, config.value(field), f"must be {value!r}, as in PacManBotFlat")
+    kinds, space = config.observation.kinds, model.observation_space
+    require(_KINDS.issuperset(kinds), "observation.kinds", kinds, f"must be among {', '.join(sorted(_KINDS))}")
+    one_array = isinstance(space, gym.spaces.Box) and len(space.shape) == 1
+    require(one_array, "observation_space", space, "must be one array (observation.mask='method')")
+    return config, normalizers

@@ -50,7 +50,7 @@ ONLY_IN = {
     "pettingzoo": {"envs"},
     **{package: {"ros"} for package in ("rclpy", *MESSAGES)},
     **{package: {"web"} for package in ("starlette", "uvicorn", "websockets", "segno")},
-    "torch": {"training", "evaluation.rounds.scenarios"},
+    "torch": {"sb3", "training", "evaluation.rounds.scenarios"},
     "stable_baselines3": {"sb3", "training"},
     "sb3_contrib": {"training"},
     "minari": {"evaluation.dataset"},
@@ -58,7 +58,7 @@ ONLY_IN = {
     "jax": {"evaluation.dataset"},
     "ray": {"executors.ray_cluster"},
     "onnxruntime": {"policies.learned"},
-    "onnx": {"training"},
+    "onnx": {"sb3", "training"},
 }
 #: Public names for which neither Gymnasium nor PettingZoo is needed.
 LIGHT = ("make_config", "load_map", "Situation", "make_policy")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config import ConfigError, ObservationConfig, located
+from ..config import Config, ConfigError, ObservationConfig, located
 from ..engine.arrays import Table, address
 from ..engine.pipeline import Pipeline, Stage
 from ..plugins import PluginError
@@ -29,6 +30,7 @@ from .learner_layout import (
     write_rows,
 )
 from .robot_features import Observation, unit_scale
+from .situation import Situation, maps_of
 from .situation_writer import new_situation, situation_stage
 
 
@@ -136,11 +138,28 @@ class Observer:
         if name not in self._pipelines or self._pipelines[name][0] != batch.levels.most_goals:
             stages = [] if before is None else before()
             stages.append(situation_stage(batch, self.situation, player))
-            stages.append(self._list_stage)
-            stages += [kind.stage(batch, self.situation, self._wanted, self._raw) for kind in self._compiled]
-            stages += [] if self._filled else self._row_stages
-            self._pipelines[name] = batch.levels.most_goals, Pipeline(stages, batch.threads)
+            self._pipelines[name] = batch.levels.most_goals, Pipeline([*stages, *self._stages()], batch.threads)
         return self._pipelines[name][1]
+
+    def _stages(self) -> list[Stage]:
+        """Return the stages that observe ``situation``."""
+        kinds = [kind.stage(self._batch, self.situation, self._wanted, self._raw) for kind in self._compiled]
+        return [self._list_stage, *kinds, *([] if self._filled else self._row_stages)]
+
+    @classmethod
+    def of(cls, situation: Situation, config: Config) -> Self:
+        """Return an observer that has observed situations without a batch, for example of a robot.
+
+        Only kinds that are computed from a situation alone are possible. Raises ValueError without maps.
+        """
+        n, candidates = situation.mask.shape
+        shared = {"ghosts": situation.ghosts, "levels": maps_of(situation), "threads": situation.threads}
+        batch: Any = SimpleNamespace(config=config, n=n, candidates=candidates, **shared)
+        observer = cls(batch)
+        observer.situation = situation.copy()
+        Pipeline(observer._stages(), situation.threads).run(n)
+        observer.finish()
+        return observer
 
     def observe(self, player: int = -1, index: NDArray[np.int64] | None = None) -> Observation:
         """Observe all games, or the games ``index`` (M,), as the robot (-1) or a ghost, and return ``result``."""

@@ -27,8 +27,27 @@ _Nodes = dict[str, tuple[str, tuple[int | None, ...]]]  # by name: type and size
 _OUTPUTS: _Nodes = {"logits": ("tensor(float)", (None, None)), "values": ("tensor(float)", (None,))}
 
 
-class LearnedPlanner(BasePolicy):
-    """Chooses the candidate with the highest logit of a trained network; pickles and copies include the model.
+class OnnxPolicy(BasePolicy):
+    """A policy whose network is an ONNX file; pickles and copies include the model."""
+
+    path: Path
+    _session: Any
+
+    def _open(self) -> None:
+        """Create ``_session``, which computes the network."""
+        raise NotImplementedError
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_session": None}  # a copy creates its own session
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the policy, whose file may lie in another folder on this machine."""
+        self.__dict__.update(state)
+        self._open()
+
+
+class LearnedPlanner(OnnxPolicy):
+    """Chooses the candidate with the highest logit of a trained network.
 
     ``path`` is an ONNX file next to its metadata (None: the built-in planner); onnxruntime uses ``threads`` threads.
     """
@@ -49,17 +68,9 @@ class LearnedPlanner(BasePolicy):
 
     def _open(self) -> None:
         if self._is_compiled:
-            self._session: Any = ForwardPass(self._model)
+            self._session = ForwardPass(self._model)
         else:
             self._session = _session(self.path, self.metadata, self._model, self._threads)
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_session": None}  # a copy creates its own session
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the planner, which may lie in another folder on this machine."""
-        self.__dict__.update(state)
-        self._open()
 
     def scores(self, situation: Situation) -> NDArray[np.float64]:
         """Return logits (N, C), -inf for forbidden candidates; raises ValueError if the situation has no maps."""
@@ -127,8 +138,8 @@ def _columns(names: tuple[str, ...], known: tuple[str, ...]) -> Any:
     return slice(None) if names == known else [known.index(name) for name in names]
 
 
-def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) -> Any:
-    """Create an onnxruntime session of a model with the inputs that its metadata names, and test it once."""
+def open_session(path: Path, model: bytes, threads: int) -> Any:
+    """Create an onnxruntime session of a model, the content of ``path``; raises ValueError if it cannot be loaded."""
     try:
         import onnxruntime
     except ModuleNotFoundError:
@@ -144,7 +155,12 @@ def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) 
     options.log_severity_level = 4  # errors are raised anyway
     # onnxruntime's errors have no common base class
     with located(f"{path}: no model that onnxruntime can load", ValueError, Exception):
-        session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+def _session(path: Path, metadata: PlannerMetadata, model: bytes, threads: int) -> Any:
+    """Create a session of a model with the inputs that its metadata names, and test it once."""
+    session = open_session(path, model, threads)
     features, whole = len(metadata.candidate_features), len(metadata.global_features)
     inputs: _Nodes = {
         "candidates": ("tensor(float)", (None, None, features)),

@@ -75,12 +75,12 @@ def parse(kind: type[T], text: bytes | str, path: Path) -> T:
 
 def read(kind: type[T], path: Path, limit: int = MAX_BYTES) -> T:
     """Read a record from a JSON file of at most ``limit`` bytes; raises ValueError like :func:`parse`."""
-    return parse(kind, _content(path, limit), path)
+    return parse(kind, content_of(path, limit), path)
 
 
 def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     """Return metadata and content of an ONNX file; raises ValueError if this version cannot run it."""
-    model = _content(path, MAX_BYTES)
+    model = content_of(path, MAX_BYTES)
     beside = metadata_path(path)
     if not beside.exists():
         raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
@@ -102,7 +102,8 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     return metadata, model
 
 
-def _content(path: Path, limit: int) -> bytes:
+def content_of(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Return the content of a file of at most ``limit`` bytes; raises ValueError if it cannot be read."""
     try:
         with path.open("rb") as file:
             content = file.read(limit + 1)

@@ -7,6 +7,7 @@ from pacman_env.config import ConfigError
 from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
 from pacman_env.policies.base import BasePolicy, Policy
+from pacman_env.policies.flat import FlatPolicy, is_flat_policy
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 from pacman_env.policies.policy_calls import what_users_raise
 
@@ -44,9 +45,12 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     if spec == LEARNED_CLYDE:
         return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)
     if spec.lower().endswith(_FILE):
-        return LearnedPlanner(spec, **parameters)
+        return (FlatPolicy if is_flat_policy(spec) else LearnedPlanner)(spec, **parameters)
     if spec.lower().endswith(".zip"):
-        raise ValueError(f"{spec}: must be an .onnx file; 'pacman-env export' converts a checkpoint of a training")
+        raise ValueError(
+            f"{spec}: must be an .onnx file. 'pacman-env export' converts a checkpoint of 'pacman-env train'. "
+            "A model of Stable-Baselines3 would unpickle; export it with pacman_env.sb3.export"
+        )
     factory = POLICIES.find(spec)
     if not callable(factory):
         raise ValueError(f"policy {spec!r}: {factory!r} is no class or function that makes one")

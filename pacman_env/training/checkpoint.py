@@ -98,7 +98,8 @@ def load_network(path: Path) -> EntityNetwork:
     """Return the network of a checkpoint; raises ValueError unless it fits this version's features."""
     if not path.is_file():
         raise ValueError(f"{path}: no such file")
-    text = f"{path}: no checkpoint of 'pacman-env train' (a model of Stable-Baselines3: see docs/use_with/sb3.md)"
+    text = f"{path}: no checkpoint of 'pacman-env train' (a model of Stable-Baselines3 would unpickle; export it with "
+    text += "pacman_env.sb3.export)"
     with located(text, ValueError, Exception):  # a damaged or foreign file may fail anywhere
         state = _tensors(path, "policy")
         with zipfile.ZipFile(path) as archive:

@@ -31,7 +31,10 @@ PLANNERS = Path("pacman_env", "policies", "pretrained")
 COPIES = {
     Path("maps", "house.yaml"): ["home.yaml", "flat.yaml"],
     Path("maps", "house.pgm"): ["house.pgm"],
-    PLANNERS / "ppo.onnx": ["planner.onnx", "runs/mine.onnx", "results/seed2/planner.onnx"],
+    PLANNERS / "ppo.onnx": [
+        *("planner.onnx", "runs/mine.onnx", "results/seed2/planner.onnx"),
+        *("model.onnx", "maskable_ppo.onnx"),
+    ],
     PLANNERS / "clyde.onnx": ["results/adversary/clyde-3.onnx", "results/exploiter/clyde-1.onnx"],
     Path("docs", "examples", "rollouts.py"): ["rollouts.py"],
     Path("tests", "docs", "exercise_solutions.py"): ["docs/exercises/tasks.py", "ada.py", "handed_in/ada.py"],

@@ -32,6 +32,7 @@ from pacman_env.executors.executor_options import executor_of
 from pacman_env.files import commit, prepare, replaced
 from pacman_env.game.ghosts import behaviour_module, find_behaviour
 from pacman_env.policies.base import Policy
+from pacman_env.policies.flat import FlatPolicy
 from pacman_env.policies.learned import LearnedPlanner
 from pacman_env.policies.metadata import parse
 from pacman_env.policies.registry import POLICIES, make_policy, moved_by_policy
@@ -155,6 +156,8 @@ def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
     """Return plain data that decides a policy's choices: a planner's file, or names, code and the base policy."""
     about: dict[str, Any] = {}
     kind = type(policy)
+    if kind is FlatPolicy:
+        return {"sha256": policy.sha256}
     if isinstance(policy, LearnedPlanner):
         about = {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
         if kind is LearnedPlanner:
