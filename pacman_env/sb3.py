@@ -1,6 +1,5 @@
 """The native vector environment as a Stable-Baselines3 ``VecEnv``, and its models as policies (extra ``train``)."""
 
-import copy
 import io
 import os
 import time
@@ -230,8 +229,10 @@ class _Scores(torch.nn.Module):
         self.policy, self._normalizers = policy, normalizers
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
+        one: Any
         for one in self._normalizers:
-            mean, divisor = map(torch.from_numpy, (one.obs_rms.mean, np.sqrt(one.obs_rms.var + one.epsilon)))
+            numbers = one.obs_rms.mean, np.sqrt(one.obs_rms.var + one.epsilon)
+            mean, divisor = (torch.from_numpy(array).to(observation.device) for array in numbers)
             observation = ((observation.double() - mean) / divisor).clamp(-one.clip_obs, one.clip_obs).float()
         policy: Any = self.policy
         if hasattr(policy, "q_net"):
@@ -256,13 +257,14 @@ def export(model: BaseAlgorithm, path: str | os.PathLike[str]) -> None:
     name = type(model.policy).__name__
     require(name in _POLICIES, "policy", name, f"must be one of {', '.join(sorted(_POLICIES))}: 'MlpPolicy'")
     config, normalizers = _observed_by(model)
-    network = _Scores(copy.deepcopy(model.policy).cpu().eval(), normalizers)
-    shape, file = (64, *model.observation_space.shape), io.BytesIO()
-    inputs = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    network, file = _Scores(model.policy, normalizers).eval(), io.BytesIO()
+    (size,) = model.observation_space.shape or ()
+    inputs = np.random.default_rng(0).uniform(-1, 1, (64, size)).astype(np.float32)
+    rows = torch.from_numpy(inputs).to(model.device).split(1)
     with warnings.catch_warnings(action="ignore"), torch.no_grad():
         names: Any = {"input_names": ["observation"], "output_names": ["scores"]}
-        torch.onnx.export(network, torch.from_numpy(inputs[:1]), file, dynamo=False, opset_version=17, **names)
-        expected = [network(torch.from_numpy(row[None]))[0].numpy() for row in inputs]
+        torch.onnx.export(network, rows[0], file, dynamo=False, opset_version=17, **names)
+        expected = torch.cat([network(row) for row in rows]).cpu().numpy()
     graph = onnx.load_from_string(file.getvalue())
     settings = {field: value for field, value in config.as_settings().items() if field.startswith(GROUPS)}
     about = FlatMetadata(1, VERSION, settings, __version__, commit())
@@ -279,7 +281,7 @@ def _observed_by(model: BaseAlgorithm) -> tuple[Config, list[VecNormalize]]:
     Raises ConfigError unless the observations are those of a flat environment that chooses goals.
     """
     env: Any = model.get_env()
-    normalizers = []
+    normalizers: list[VecNormalize] = []
     while isinstance(env, VecEnvWrapper):
         known = (VecNormalize, VecMonitor, VecCheckNan)
         require(isinstance(env, known), "env", type(env).__name__, "must not be wrapped, except in VecNormalize")

@@ -6,6 +6,7 @@ its choice until its own settings demand a new one.
 
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,6 +49,9 @@ def is_flat_policy(path: str | os.PathLike[str]) -> bool:
 class FlatPolicy(OnnxPolicy):
     """Chooses the allowed action with the highest score of a network that reads flat observations."""
 
+    _last: Sequence[LastDecision] = ()  # of each game
+    _returns_s: Any = None  # (N,) latest time at which a caught ghost starts again; it grows if a ghost is caught
+
     def __init__(self, path: str | os.PathLike[str], threads: int = 1) -> None:
         self.path = Path(path).absolute()
         self.name = self.path.stem
@@ -75,10 +79,9 @@ class FlatPolicy(OnnxPolicy):
         super().reset(games, config)
         settings = self.metadata.settings.items()
         self._own = config.with_fields(**{name: tuple(v) if isinstance(v, list) else v for name, v in settings})
-        known = len(self._last) == len(games) if hasattr(self, "_last") else False
-        self._last = [self._last[i] if known and not new else LastDecision(self._own) for i, new in enumerate(games)]
-        #: Latest time at which a caught ghost starts again, in each game; it grows if a ghost is caught.
-        self._returns_s = np.where(games, 0.0, self._returns_s) if known else np.zeros(len(games))
+        keeps = len(self._last) == len(games)
+        self._last = [self._last[i] if keeps and not new else LastDecision(self._own) for i, new in enumerate(games)]
+        self._returns_s = np.where(games, 0.0, self._returns_s if keeps else 0.0)
 
     def select(self, situation: Situation) -> NDArray[np.int64]:
         """Return the candidate (N,) of each game: the last choice, or a new one if the file's settings demand it."""
