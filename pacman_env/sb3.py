@@ -254,9 +254,9 @@ def export(model: BaseAlgorithm, path: str | os.PathLike[str]) -> None:
 
     path = Path(path)
     require(path.suffix.lower() == ".onnx", "path", str(path), "must end in .onnx")
+    config, normalizers = _observed_by(model)
     name = type(model.policy).__name__
     require(name in _POLICIES, "policy", name, f"must be one of {', '.join(sorted(_POLICIES))}: 'MlpPolicy'")
-    config, normalizers = _observed_by(model)
     network, file = _Scores(model.policy, normalizers).eval(), io.BytesIO()
     (size,) = model.observation_space.shape or ()
     inputs = np.random.default_rng(0).uniform(-1, 1, (64, size)).astype(np.float32)

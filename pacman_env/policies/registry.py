@@ -7,7 +7,6 @@ from pacman_env.config import ConfigError
 from pacman_env.game.ghosts import POLICY, behaviour_names, find_behaviour
 from pacman_env.plugins import Registry
 from pacman_env.policies.base import BasePolicy, Policy
-from pacman_env.policies.flat import FlatPolicy, is_flat_policy
 from pacman_env.policies.learned import PRETRAINED, LearnedPlanner
 from pacman_env.policies.policy_calls import what_users_raise
 
@@ -45,6 +44,8 @@ def make_policy(spec: str, **parameters: Any) -> Policy:
     if spec == LEARNED_CLYDE:
         return LearnedPlanner(PRETRAINED.with_name("clyde.onnx"), **parameters)
     if spec.lower().endswith(_FILE):
+        from pacman_env.policies.flat import FlatPolicy, is_flat_policy  # imports the simulator
+
         return (FlatPolicy if is_flat_policy(spec) else LearnedPlanner)(spec, **parameters)
     if spec.lower().endswith(".zip"):
         raise ValueError(

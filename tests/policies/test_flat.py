@@ -72,7 +72,7 @@ def test_policy_plays_same_rounds_as_model(kind: Any, normalized: bool, argument
     games = VecNormalize(games) if normalized else games
     model = model_of(kind, games)
     export(model, tmp_path / "model.onnx")
-    seeds = episode_seeds(5, 12)
+    seeds = episode_seeds(5, 40)
     env = make_vector(len(seeds), autoreset_mode="Disabled", **arguments)
     observation, info = env.reset(options={"round_seed": seeds.tolist()})
     decisions = 0
