@@ -156,7 +156,7 @@ def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
     """Return plain data that decides a policy's choices: a planner's file, or names, code and the base policy."""
     about: dict[str, Any] = {}
     kind = type(policy)
-    if kind is FlatPolicy:
+    if isinstance(policy, FlatPolicy):
         return {"sha256": policy.sha256}
     if isinstance(policy, LearnedPlanner):
         about = {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
