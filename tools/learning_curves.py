@@ -1,194 +1,197 @@
-"""Measure how fast stock learners learn, one curve per configuration and seed: ``python -m tools.learning_curves``.
+"""Train the baselines of ``baselines.yaml`` and test them in new houses: ``python -m tools.learning_curves``.
 
-The configurations of ``baselines.yaml`` are Stable-Baselines3's PPO or sb3-contrib's MaskablePPO, with defaults or with
-tuned values. At intervals the model plays the same test rounds, which ``nearest`` and ``random_pellet`` play too.
+Each finished run is a file, so a later call trains only what is missing or has another configuration. Afterwards the
+page docs/benchmark.md and its picture show all results.
 """
 
 import argparse
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+import gymnasium
 import msgspec
 import numpy as np
+import sb3_contrib
+import stable_baselines3
 import torch
-from matplotlib.figure import Figure
-from sb3_contrib import MaskablePPO
-from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
-from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.preprocessing import is_image_space
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command, whole_number
-from pacman_env.config import located
-from pacman_env.config.validation import convert
-from pacman_env.config.yaml_files import read_yaml
-from pacman_env.envs.arguments import EnvArguments
-from pacman_env.episodes.rollout import play
-from pacman_env.episodes.statistics import wilson
-from pacman_env.files import prepare, write_json
-from pacman_env.game.ends import COMPLETE
+from pacman_env.envs.registration import IDS
+from pacman_env.files import prepare, write_text
 from pacman_env.sb3 import PacManBotVecEnv
-from tools.common import ROOT
+from tools import baselines, reference, scores
+from tools.baselines import Baseline
+from tools.common import IMAGES, ROOT
+from tools.figures import store
 
-FILE = ROOT / "train" / "hyperparameters" / "baselines.yaml"
-_LEARNERS: dict[str, Any] = {"maskable_ppo": (MaskablePPO, evaluate_masked), "ppo": (PPO, evaluate_policy)}
-_TEST_GAMES, _TEST_SEED = 8, 1_000_000  # games in parallel; seed of the test rounds
-Curve = dict[str, Any]
-
-
-class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Configuration of a training with a stock learner."""
-
-    environment: dict[str, Any] = {}  # arguments of PacManBotVecEnv
-    learner: Literal["maskable_ppo", "ppo"] = "maskable_ppo"
-    policy: Literal["MlpPolicy", "MultiInputPolicy"] = "MlpPolicy"
-    games: int = 8  # games in parallel
-    decisions: int = 200_000
-    every: int = 0  # decisions between two points of the curve; 0: one update
-    normalize: bool = False  # normalize observations and rewards by running mean and deviation
-    test: str = "generated:test"  # map of the test rounds
-    hyperparameters: dict[str, Any] = {}  # of the learner; learning_rate: at the start and at the end
-
-    def wrapped(self, map_name: str, games: int, training: bool = True) -> VecEnv:
-        """Return games on a map with the wrapper for the learner."""
-        settings = {"observation.numeric_info": True, **self.environment.get("settings", {})}
-        arguments = {"flat": True, **self.environment, "map": map_name, "settings": settings}
-        env: VecEnv = PacManBotVecEnv(games, **arguments)
-        if self.normalize:
-            spaces = getattr(env.observation_space, "spaces", None)
-            keys = spaces and [key for key, space in spaces.items() if not is_image_space(space)]
-            gamma = self.hyperparameters.get("gamma", 0.99)
-            env = VecNormalize(env, training, norm_reward=training, gamma=gamma, norm_obs_keys=keys)
-        return env
-
-    def make_model(self, seed: int) -> BaseAlgorithm:
-        torch.set_num_threads(1)  # networks this small are fastest on one core
-        values = {"learning_rate": [3e-4, 3e-4], **self.hyperparameters, "seed": seed, "device": "cpu"}
-        values["learning_rate"] = LinearSchedule(values["learning_rate"][0], values["learning_rate"][1], 1.0)
-        values["policy_kwargs"] = {key: values.pop(key) for key in ("net_arch", "log_std_init") if key in values}
-        return _LEARNERS[self.learner][0](self.policy, self.wrapped(self.environment["map"], self.games), **values)
+_TEST_SEED = 1_000_000  # of the first test round, whose reset has this seed
+_GAMES = 100  # test games in parallel
+Job = tuple[Path, str, Baseline, int]  # folder of the results, name, configuration, seed
 
 
-class _Tests(BaseCallback):
-    """Play the test rounds at intervals between updates, and after the last update."""
+def make_model(baseline: Baseline, seed: int) -> BaseAlgorithm:
+    torch.set_num_threads(1)  # networks this small are fastest on one core
+    env_id = f"pacman_env/{baseline.id}"
+    env: VecEnv = PacManBotVecEnv(baseline.games, **{**IDS[env_id].kwargs, **baseline.arguments})
+    values = {"learning_rate": [3e-4, 3e-4], **baseline.hyperparameters, "seed": seed, "device": "cpu"}
+    values["learning_rate"] = LinearSchedule(*values["learning_rate"], 1.0)
+    if baseline.normalize:
+        spaces = getattr(env.observation_space, "spaces", None)
+        keys = spaces and [key for key, space in spaces.items() if not is_image_space(space)]
+        env = VecNormalize(env, gamma=values.get("gamma", 0.99), norm_obs_keys=keys)
+    learner = getattr(sb3_contrib, baseline.learner, None) or getattr(stable_baselines3, baseline.learner)
+    return learner(baseline.policy, env, **values)
 
-    def __init__(self, name: str, baseline: Baseline, rounds: int) -> None:
+
+def test(model: BaseAlgorithm, baseline: Baseline, map_name: str, rounds: int) -> dict[str, Any]:
+    """Play the test rounds with the best actions, always the same rounds."""
+    normalizer, state = model.get_vec_normalize_env(), None
+
+    def choose(envs: Any, observation: Any, started: Any) -> Any:
+        nonlocal state
+        seen = normalizer.normalize_obs(observation) if normalizer else observation
+        masks = {"action_masks": envs.action_masks()} if baseline.learner == "MaskablePPO" else {}
+        actions, state = model.predict(seen, state, started, deterministic=True, **masks)
+        return actions
+
+    return played(baseline, map_name, choose, rounds)
+
+
+def played(baseline: Baseline, map_name: str, player: str | scores.Chooser, rounds: int) -> dict[str, Any]:
+    """Return the mean return, and a digit for each round: 1 if it was completed."""
+    result: dict[str, list[Any]] = {"rounds": [], "return": []}
+    for first in range(_TEST_SEED, _TEST_SEED + rounds, _GAMES):
+        seeds = range(first, min(first + _GAMES, _TEST_SEED + rounds))
+        part = scores.play(f"pacman_env/{baseline.id}", player, seeds, **baseline.test(map_name))
+        for key, values in result.items():
+            values += part[key]
+    return {"won": "".join(map(str, result["rounds"])), "return": round(float(np.mean(result["return"])), 3)}
+
+
+class _Curve(BaseCallback):
+    """Play the test rounds at intervals between updates, and measure their processor time."""
+
+    def __init__(self, baseline: Baseline) -> None:
         super().__init__()
-        self._name, self._baseline, self._rounds = name, baseline, rounds
-        self._test = baseline.wrapped(baseline.test, _TEST_GAMES, training=False)
-        self._tested, self.points = 0, list[dict[str, Any]]()
-        self.won: dict[int, bool] = {}  # by the seed of the round
+        self._baseline, self.points, self.tests_s = baseline, list[list[float]](), 0.0
 
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
-        if self.num_timesteps - self._tested >= max(self._baseline.every, 1):
-            self._on_training_end()
+        if self.num_timesteps >= len(self.points) * self._baseline.decisions / self._baseline.points:
+            self.add(self._baseline.tests[0], self._baseline.rounds)
 
-    def _on_training_end(self) -> None:
-        """Play the test rounds, always the same, with the best actions."""
-        self._tested, self.won = self.num_timesteps, {}
-        if isinstance(self._test, VecNormalize) and (normalizer := self.model.get_vec_normalize_env()):
-            self._test.obs_rms = normalizer.obs_rms
-        self._test.seed(_TEST_SEED)
-        evaluate = _LEARNERS[self._baseline.learner][1]
-        evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
-        self.points.append({"decisions": self.num_timesteps, **(reached := completed([*self.won.values()]))})
-        print(f"{self._name}: {self.num_timesteps} decisions, {100 * reached['completed']:.1f} %", flush=True)
-
-    def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
-        if now["done"]:
-            self.won[now["info"]["round_seed"]] = now["info"]["outcome"] == COMPLETE
+    def add(self, map_name: str, rounds: int) -> dict[str, Any]:
+        """Play rounds on a map and, if it is the map of the curve, add a point."""
+        start = time.process_time()
+        result = test(self.model, self._baseline, map_name, rounds)
+        self.tests_s += time.process_time() - start
+        if map_name == self._baseline.tests[0]:
+            share = round(result["won"].count("1") / rounds, 4)
+            self.points.append([self.num_timesteps, share, result["return"]])
+            print(f"  {self.num_timesteps:9,} decisions: {100 * share:5.1f} %, {result['return']:6.2f}", flush=True)
+        return result
 
 
-def completed(won: Any) -> dict[str, Any]:
-    return {"completed": float(np.mean(won)), "completed_interval": wilson(int(np.sum(won)), len(won))}
+def train(job: Job) -> None:
+    """Train a baseline with a seed and store its curve and last tests, unless they are stored."""
+    folder, name, baseline, seed = job
+    file, record = baselines.stored(folder, f"{name}-{seed}", baseline)
+    if record is None:
+        print(f"{name}, seed {seed}", flush=True)
+        start, curve, model = time.process_time(), _Curve(baseline), make_model(baseline, seed)
+        model.learn(baseline.decisions, callback=curve)
+        training_s = time.process_time() - start - curve.tests_s
+        tests = {each: curve.add(each, baseline.last_rounds) for each in baseline.tests}
+        values = {"seed": seed, "training_s": round(training_s), "tests_s": round(curve.tests_s), "tests": tests}
+        _write(file, name, (baseline,), **values, points=curve.points)
 
 
-def curve(task: tuple[str, Baseline, int, int]) -> Curve:
-    """Train one learner; return the points of its curve and the reference policies' results in the same test rounds."""
-    name, baseline, seed, rounds = task
-    tests = _Tests(f"{name} seed {seed}", baseline, rounds)
-    baseline.make_model(seed).learn(baseline.decisions, callback=tests)
-    arguments = EnvArguments(map=baseline.test, preset=baseline.environment.get("preset", "robot"))
-    config, _ = arguments.make_config()
-    seeds, source = np.array([*tests.won], dtype=np.uint64), arguments.make_source(config)
-    rules = "nearest", "random_pellet"
-    references = {rule: completed(play(source, config, rule, seeds)[0]["end"] == COMPLETE) for rule in rules}
-    return {"name": name, "seed": seed, "points": tests.points, "references": references}
+def play_references(job: Job) -> None:
+    """Play and store the test rounds of a baseline with the reference policies, unless they are stored."""
+    folder, _, baseline, _ = job
+    for map_name in baseline.tests:
+        name, rounds = baseline.test_name(map_name), baseline.last_rounds
+        file, record = baselines.stored(folder, name, name, rounds)
+        if record is None:
+            print(f"{name}: reference policies", flush=True)
+            drives = IDS[f"pacman_env/{baseline.id}"].kwargs.get("action") == "velocity"
+            policies = [*baselines.LINES][: 1 if drives else None]
+            shown = {policy: played(baseline, map_name, policy, rounds) for policy in policies}
+            _write(file, "", (name, rounds), policies=shown)
 
 
-def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
-    """Return the selected configurations by name, with fields replaced by the given options."""
-    with located(FILE, ValueError):
-        known = {name: convert(values, Baseline, name) for name, values in read_yaml(FILE).items()}
+def _write(file: Path, name: str, configuration: tuple[Any, ...], **values: Any) -> None:
+    record = store.record(f"python -m tools.learning_curves {name}".strip(), ("engine", "features", "settings"), None)
+    record |= {"hash": baselines.hash_of(*configuration), "configuration": msgspec.to_builtins(configuration)}
+    versions = {module.__name__: module.__version__ for module in (torch, stable_baselines3, sb3_contrib, gymnasium)}
+    write_text(prepare(file), store.text({**record, "libraries": versions, **values}, 1) + "\n")
+
+
+def jobs(options: argparse.Namespace) -> list[Job]:
+    """Return the runs in order: the first seed of each baseline, then the second one, and so on."""
+    known = baselines.read()
     if unknown := [name for name in options.names if name not in known]:
-        raise ValueError(f"{unknown[0]!r}: choose among {' '.join(known)}")
-    changes = {key: getattr(options, key) for key in ("decisions", "test") if getattr(options, key) is not None}
-    result = {}
-    for name in options.names:
-        environment, hyper = {**known[name].environment}, {**known[name].hyperparameters}
-        environment["map"] = options.map or environment.get("map", "generated")
-        if options.quick:
-            environment["settings"] = {**environment.get("settings", {}), "time_limit_s": 60.0}
-            hyper |= {"n_steps": 16, "batch_size": 64}
-        result[name] = msgspec.structs.replace(known[name], environment=environment, hyperparameters=hyper, **changes)
-    return result
+        raise ValueError(f"names = {unknown[0]!r}: must be among {' '.join(known)}")
+    chosen = {name: one for name, one in known.items() if name in options.names or (one.seeds and not options.names)}
+    if options.quick:
+        chosen = {name: _short(one) for name, one in chosen.items()}
+    seeds = options.seeds or range(max(one.seeds for one in chosen.values()))
+    return [
+        (options.out, name, one, seed)
+        for seed in seeds
+        for name, one in chosen.items()
+        if options.seeds or seed < one.seeds
+    ]
 
 
-def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw a diagram for each configuration: a curve for each seed, a horizontal line for each reference policy."""
-    names = list(dict.fromkeys(one["name"] for one in curves))
-    figure = Figure(figsize=(7, 3.5 * len(names)), layout="constrained")
-    for number, name in enumerate(names, 1):
-        axes = figure.add_subplot(len(names), 1, number)
-        for one in (one for one in curves if one["name"] == name):
-            x, y = zip(*((point["decisions"], 100 * point["completed"]) for point in one["points"]), strict=True)
-            axes.plot(x, y, marker=".", label=f"seed {one['seed']}")
-            low, high = 100 * np.array([point["completed_interval"] for point in one["points"]]).T
-            axes.fill_between(x, low, high, alpha=0.15)
-            for rule, reached in one["references"].items():
-                axes.axhline(100 * reached["completed"], color="grey", linestyle="--" if rule == "nearest" else ":")
-        axes.set(title=name, xlabel="decisions", ylabel="rounds completed, %", ylim=(0, 100), xlim=(0, None))
-        axes.legend(fontsize="small")
-    figure.savefig(path, format="png", dpi=120)
+def _short(one: Baseline) -> Baseline:
+    arguments = {**one.arguments, "settings": {**one.arguments.get("settings", {}), "time_limit_s": 20.0}}
+    small = {"n_steps": 16, "batch_size": 64, "learning_starts": 32}
+    hyper = {key: small.get(key, value) for key, value in one.hyperparameters.items()}
+    changes = {"decisions": 512, "points": 2, "rounds": 4, "last_rounds": 8, "seeds": 1}
+    return msgspec.structs.replace(one, arguments=arguments, hyperparameters=hyper, **changes)
+
+
+def _run(options: argparse.Namespace) -> None:
+    if options.quick and options.out == baselines.RESULTS:
+        options.out = ROOT / "results" / "benchmark"
+    if not options.page:
+        apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
+        for _ in apply(_job, jobs(options)):
+            pass
+    if options.out == baselines.RESULTS:
+        page = ROOT / "docs" / "benchmark.md"
+        write_text(page, reference.fill(page.read_text(encoding="utf-8")))
+        baselines.draw(IMAGES / "baselines.svg")
+
+
+def _job(job: Job) -> None:
+    play_references(job)
+    train(job)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.learning_curves", description=__doc__)
     add = parser.add_argument
-    add("names", nargs="*", default=["planner/event"], metavar="NAME", help=f"of {FILE.name} (planner/event)")
-    add("--map", metavar="FILE_OR_NAME", help="to learn on, in place of generated")
-    add("--test", metavar="FILE_OR_NAME", help="to play on, in place of generated:test")
-    add("--decisions", type=whole_number(1), metavar="N", help="in place of 200000, or the baseline's")
-    add("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
-    add("--rounds", type=whole_number(1), default=100, metavar="N", help="for each point of a curve (100)")
+    add("names", nargs="*", metavar="NAME", help=f"of {baselines.FILE.name} (all of the benchmark)")
+    add("--seeds", type=whole_number(0), nargs="+", metavar="S", help="of learners (all of the benchmark)")
     add("--workers", type=whole_number(1), default=1, metavar="N", help="processes, each with a learner (1)")
-    out = Path("results/learning_curves")
-    add("--out", type=Path, default=out, help="name of the .json and the .png (%(default)s)")
-    add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds of a minute")
-    return run_command(parser, argv, _report, "train")
-
-
-def _report(options: argparse.Namespace) -> None:
-    if options.quick:
-        options.decisions, options.rounds = 256, 8
-    file, selected = prepare(options.out.with_suffix(".json")), chosen(options)
-    tasks = [(name, one, seed, options.rounds) for name, one in selected.items() for seed in options.seeds]
-    apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
-    curves = list(apply(curve, tasks))
-    write_json(file, {"version": __version__, "configurations": msgspec.to_builtins(selected), "curves": curves})
-    draw(curves, file.with_suffix(".png"))
+    add("--out", type=Path, default=baselines.RESULTS, metavar="FOLDER", help="of the results (docs/benchmark)")
+    add("--quick", action="store_true", help="everything in short, to see that it works")
+    add("--page", action="store_true", help="train nothing, write the stored results into page and picture")
+    return run_command(parser, argv, _run, "train")
 
 
 if __name__ == "__main__":
