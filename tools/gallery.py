@@ -23,7 +23,7 @@ from pacman_env.render.frames import map_view, render_frame
 from pacman_env.render.palette import DARK, LIGHT, THEMES, Colour, Theme
 from pacman_env.render.symbols import Image, paste, text
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools import baselines, replay
+from tools import learning_curves, replay
 from tools.common import add_images, add_names, save_film
 
 _GAP = 10  # px between pictures
@@ -218,7 +218,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _draw(arguments: argparse.Namespace) -> None:
     for name in arguments.names or NAMES:
         if name == "baselines":
-            baselines.draw(arguments.out / "baselines.svg")
+            learning_curves.draw(arguments.out / "baselines.svg")
         elif name in PICTURES:
             save(name, arguments.out / f"{name}.png")
         else:

@@ -1,196 +1,268 @@
-"""Train the baselines of ``baselines.yaml`` and test them in new houses: ``python -m tools.learning_curves``.
+"""Train the baselines of ``baselines.yaml``, and test them in new houses: ``python -m tools.learning_curves``.
 
-Each finished run is a file, so a later call trains only what is missing or has another configuration. Afterwards the
-page docs/benchmark.md and its picture show all results.
+A baseline is a stock learner with its hyperparameters, or a built-in policy for comparison. Each finished run is a
+file, so a later call plays only what is missing or has another configuration. All results are on docs/benchmark.md.
 """
 
 import argparse
+import hashlib
+import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import gymnasium
+import matplotlib
 import msgspec
 import numpy as np
-import sb3_contrib
-import stable_baselines3
-import torch
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.preprocessing import is_image_space
-from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+from gymnasium import __version__ as gymnasium_version
+from matplotlib.figure import Figure
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
+from pacman_env.config import located
+from pacman_env.config.validation import convert
+from pacman_env.config.yaml_files import read_yaml
 from pacman_env.envs.registration import IDS
+from pacman_env.episodes.statistics import wilson
 from pacman_env.files import prepare, write_text
-from pacman_env.sb3 import PacManBotVecEnv
-from tools import baselines, reference, scores
-from tools.baselines import Baseline
-from tools.common import IMAGES, ROOT
+from tools import scores
+from tools.common import IMAGES, ROOT, add_names, table
 from tools.figures import store
 
-_TEST_SEED = 1_000_000  # of the first test round, whose reset has this seed
-_GAMES = 100  # test games in parallel
-Job = tuple[Path, str, Baseline, int]  # folder of the results, name, configuration, seed
+PAGE = ROOT / "docs" / "benchmark.md"
+RESULTS = PAGE.with_suffix("")
+_FILE = ROOT / "train" / "hyperparameters" / "baselines.yaml"
+_TEST_SEED = 1_000_000  # of the first test round
+_LINES = {  # colour and style of the built-in policies
+    "random": ("#57606a", ":"), "nearest": ("#57606a", "--"), "clyde_aware": ("#57606a", "-."),
+    "lookahead": ("#2f8f4e", "--"), "ppo": ("#b38600", "-"),
+}  # fmt: skip
+_STYLE = {
+    "svg.fonttype": "none", "svg.hashsalt": "baselines", "font.size": 9, "axes.titlesize": 9,
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), "#1b1f24"),
+    **dict.fromkeys(("axes.edgecolor", "legend.edgecolor"), "#d0d7de"),
+    **dict.fromkeys(("axes.facecolor", "figure.facecolor", "legend.facecolor"), "#ffffff"),
+}  # fmt: skip
+Record = dict[str, Any]
 
 
-def make_model(baseline: Baseline, seed: int) -> BaseAlgorithm:
+class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Configuration of a training with a stock learner, and of its tests."""
+
+    id: str  # after "pacman_env/"
+    arguments: dict[str, Any] = {}  # of the id
+    tests: tuple[str, ...] = ("generated:test",)  # maps of the test rounds; the curve shows the first
+    learner: Literal["MaskablePPO", "PPO", "QRDQN", "RecurrentPPO", "SAC", "built-in"]
+    policy: str = "MlpPolicy"  # name of the learner's network, or of the built-in policy
+    games: int = 16  # games in parallel
+    decisions: int = 300_000
+    seeds: int = 0  # number of seeds in the benchmark
+    normalize: bool = False  # normalize observations and rewards by running mean and deviation
+    hyperparameters: dict[str, Any] = {}  # of the learner; learning_rate: at the start and at the end
+    points: int = 10  # of the curve, before the last tests
+    rounds: int = 200  # for each point
+    last_rounds: int = 400  # after the training, on each map
+
+    @property
+    def env_id(self) -> str:
+        return f"pacman_env/{self.id}"
+
+    def play(self, map_name: str, player: str | scores.Chooser, rounds: int) -> Record:
+        """Play test rounds, always the same; return the mean return, and for each round 1 if it was completed."""
+        arguments = {**self.arguments, "map": map_name}
+        played = scores.play_all(self.env_id, player, range(_TEST_SEED, _TEST_SEED + rounds), **arguments)
+        return {"won": "".join(map(str, played["rounds"])), "return": round(float(np.mean(played["return"])), 3)}
+
+
+def read() -> dict[str, Baseline]:
+    """Return the baselines by name, in the order of their training."""
+    with located(_FILE, ValueError):
+        return {name: convert(values, Baseline, name) for name, values in read_yaml(_FILE).items()}
+
+
+def stored(folder: Path, name: str, baseline: Baseline, seed: int) -> tuple[Path, str, Record | None]:
+    """Return the file of a run, the hash of its configuration, and its record if it has this configuration."""
+    file, text = folder / f"{name}-{seed}.json", msgspec.json.encode(baseline, order="deterministic")
+    hashed = hashlib.sha256(text).hexdigest()[:16]
+    record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    return file, hashed, record if record.get("hash") == hashed else None
+
+
+def run(job: tuple[Path, str, Baseline, int]) -> None:
+    """Train a baseline and store its curve and last tests, unless they are stored."""
+    file, hashed, record = stored(*job)
+    if record:
+        return
+    _, name, baseline, seed = job
+    print(f"{name}, seed {seed}", flush=True)
+    if baseline.learner == "built-in":
+        values: Record = {each: baseline.play(each, baseline.policy, baseline.last_rounds) for each in baseline.tests}
+        values = {"tests": values}
+    else:
+        values = _train(baseline, seed)
+    facts = store.record(f"python -m tools.learning_curves {name} --seeds {seed}", (), None)
+    facts |= {"hash": hashed, "configuration": msgspec.to_builtins(baseline), "gymnasium": gymnasium_version}
+    write_text(prepare(file), store.text({**facts, **values}, 1) + "\n")
+
+
+def _train(baseline: Baseline, seed: int) -> Record:
+    """Return the points of the curve, the last tests and the processor time of both."""
+    import sb3_contrib  # here, because the pages are written without this extra
+    import stable_baselines3 as sb3
+    import torch
+
+    from pacman_env.sb3 import PacManBotVecEnv
+
     torch.set_num_threads(1)  # networks this small are fastest on one core
-    env_id = f"pacman_env/{baseline.id}"
-    env: VecEnv = PacManBotVecEnv(baseline.games, **{**IDS[env_id].kwargs, **baseline.arguments})
-    values = {"learning_rate": [3e-4, 3e-4], **baseline.hyperparameters, "seed": seed, "device": "cpu"}
-    values["learning_rate"] = LinearSchedule(*values["learning_rate"], 1.0)
+    env: Any = PacManBotVecEnv(baseline.games, **{**IDS[baseline.env_id].kwargs, **baseline.arguments})
+    given = msgspec.to_builtins(baseline.hyperparameters)  # a copy, because learners change it
+    values = {"learning_rate": [3e-4, 3e-4], **given, "seed": seed, "device": "cpu"}
+    first, last = values["learning_rate"]
+    values["learning_rate"] = lambda left: last + left * (first - last)
     if baseline.normalize:
-        spaces = getattr(env.observation_space, "spaces", None)
-        keys = spaces and [key for key, space in spaces.items() if not is_image_space(space)]
-        env = VecNormalize(env, gamma=values.get("gamma", 0.99), norm_obs_keys=keys)
-    learner = getattr(sb3_contrib, baseline.learner, None) or getattr(stable_baselines3, baseline.learner)
-    return learner(baseline.policy, env, **values)
+        env = sb3.common.vec_env.VecNormalize(env, gamma=values.get("gamma", 0.99))
+    learner = getattr(sb3_contrib, baseline.learner, None) or getattr(sb3, baseline.learner)
+    model = learner(baseline.policy, env, **values)
+    points, start, tests_s = list[list[float]](), time.process_time(), 0.0
 
+    def test(map_name: str, rounds: int) -> Record:
+        nonlocal tests_s
+        began, state = time.process_time(), None  # the memory of a recurrent network
 
-def test(model: BaseAlgorithm, baseline: Baseline, map_name: str, rounds: int) -> dict[str, Any]:
-    """Play the test rounds with the best actions, always the same rounds."""
-    normalizer, state = model.get_vec_normalize_env(), None
+        def choose(envs: Any, observation: Any, begins: Any) -> Any:
+            nonlocal state
+            state = None if begins.all() else state
+            seen = env.normalize_obs(observation) if baseline.normalize else observation
+            masks = {"action_masks": envs.action_masks()} if baseline.learner == "MaskablePPO" else {}
+            actions, state = model.predict(seen, state, begins, deterministic=True, **masks)
+            return actions
 
-    def choose(envs: Any, observation: Any, started: Any) -> Any:
-        nonlocal state
-        seen = normalizer.normalize_obs(observation) if normalizer else observation
-        masks = {"action_masks": envs.action_masks()} if baseline.learner == "MaskablePPO" else {}
-        actions, state = model.predict(seen, state, started, deterministic=True, **masks)
-        return actions
-
-    return played(baseline, map_name, choose, rounds)
-
-
-def played(baseline: Baseline, map_name: str, player: str | scores.Chooser, rounds: int) -> dict[str, Any]:
-    """Return the mean return, and a digit for each round: 1 if it was completed."""
-    result: dict[str, list[Any]] = {"rounds": [], "return": []}
-    for first in range(_TEST_SEED, _TEST_SEED + rounds, _GAMES):
-        seeds = range(first, min(first + _GAMES, _TEST_SEED + rounds))
-        part = scores.play(f"pacman_env/{baseline.id}", player, seeds, **baseline.test(map_name))
-        for key, values in result.items():
-            values += part[key]
-    return {"won": "".join(map(str, result["rounds"])), "return": round(float(np.mean(result["return"])), 3)}
-
-
-class _Curve(BaseCallback):
-    """Play the test rounds at intervals between updates, and measure their processor time."""
-
-    def __init__(self, baseline: Baseline) -> None:
-        super().__init__()
-        self._baseline, self.points, self.tests_s = baseline, list[list[float]](), 0.0
-
-    def _on_step(self) -> bool:
-        return True
-
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps >= len(self.points) * self._baseline.decisions / self._baseline.points:
-            self.add(self._baseline.tests[0], self._baseline.rounds)
-
-    def add(self, map_name: str, rounds: int) -> dict[str, Any]:
-        """Play rounds on a map and, if it is the map of the curve, add a point."""
-        start = time.process_time()
-        result = test(self.model, self._baseline, map_name, rounds)
-        self.tests_s += time.process_time() - start
-        if map_name == self._baseline.tests[0]:
-            share = round(result["won"].count("1") / rounds, 4)
-            self.points.append([self.num_timesteps, share, result["return"]])
-            print(f"  {self.num_timesteps:9,} decisions: {100 * share:5.1f} %, {result['return']:6.2f}", flush=True)
+        result = baseline.play(map_name, choose, rounds)
+        tests_s += time.process_time() - began
+        print(f"{model.num_timesteps:9,} decisions, {map_name}: {100 * _share(result):.1f} %", flush=True)
         return result
 
+    def add_point(*_: Any) -> bool:
+        if model.num_timesteps >= len(points) * baseline.decisions / baseline.points:
+            result = test(baseline.tests[0], baseline.rounds)
+            points.append([model.num_timesteps, _share(result), result["return"]])
+        return True
 
-def train(job: Job) -> None:
-    """Train a baseline with a seed and store its curve and last tests, unless they are stored."""
-    folder, name, baseline, seed = job
-    file, record = baselines.stored(folder, f"{name}-{seed}", baseline)
-    if record is None:
-        print(f"{name}, seed {seed}", flush=True)
-        start, curve, model = time.process_time(), _Curve(baseline), make_model(baseline, seed)
-        model.learn(baseline.decisions, callback=curve)
-        training_s = time.process_time() - start - curve.tests_s
-        tests = {each: curve.add(each, baseline.last_rounds) for each in baseline.tests}
-        values = {"seed": seed, "training_s": round(training_s), "tests_s": round(curve.tests_s), "tests": tests}
-        _write(file, name, (baseline,), **values, points=curve.points)
-
-
-def play_references(job: Job) -> None:
-    """Play and store the test rounds of a baseline with the reference policies, unless they are stored."""
-    folder, _, baseline, _ = job
-    for map_name in baseline.tests:
-        name, rounds = baseline.test_name(map_name), baseline.last_rounds
-        file, record = baselines.stored(folder, name, name, rounds)
-        if record is None:
-            print(f"{name}: reference policies", flush=True)
-            drives = IDS[f"pacman_env/{baseline.id}"].kwargs.get("action") == "velocity"
-            policies = [*baselines.LINES][: 1 if drives else None]
-            shown = {policy: played(baseline, map_name, policy, rounds) for policy in policies}
-            _write(file, "", (name, rounds), policies=shown)
+    add_point()
+    model.learn(baseline.decisions, callback=add_point)
+    training_s = time.process_time() - start - tests_s
+    tests = {each: test(each, baseline.last_rounds) for each in baseline.tests}
+    end = tests[baseline.tests[0]]
+    points.append([model.num_timesteps, _share(end), end["return"]])
+    versions = {"torch": torch.__version__, "sb3": sb3.__version__, "sb3_contrib": sb3_contrib.__version__}
+    return {**versions, "training_s": round(training_s), "tests_s": round(tests_s), "tests": tests, "points": points}
 
 
-def _write(file: Path, name: str, configuration: tuple[Any, ...], **values: Any) -> None:
-    record = store.record(f"python -m tools.learning_curves {name}".strip(), ("engine", "features", "settings"), None)
-    record |= {"hash": baselines.hash_of(*configuration), "configuration": msgspec.to_builtins(configuration)}
-    versions = {module.__name__: module.__version__ for module in (torch, stable_baselines3, sb3_contrib, gymnasium)}
-    write_text(prepare(file), store.text({**record, "libraries": versions, **values}, 1) + "\n")
+def _share(played: Record) -> float:
+    return float(played["won"].count("1") / len(played["won"]))
 
 
-def jobs(options: argparse.Namespace) -> list[Job]:
-    """Return the runs in order: the first seed of each baseline, then the second one, and so on."""
-    known = baselines.read()
-    if unknown := [name for name in options.names if name not in known]:
-        raise ValueError(f"names = {unknown[0]!r}: must be among {' '.join(known)}")
-    chosen = {name: one for name, one in known.items() if name in options.names or (one.seeds and not options.names)}
-    if options.quick:
-        chosen = {name: _short(one) for name, one in chosen.items()}
-    seeds = options.seeds or range(max(one.seeds for one in chosen.values()))
-    return [
-        (options.out, name, one, seed)
-        for seed in seeds
-        for name, one in chosen.items()
-        if options.seeds or seed < one.seeds
-    ]
+def made() -> Iterator[tuple[str, Baseline, list[Record]]]:
+    """Yield the name, the configuration and the records of the finished seeds of each baseline of the benchmark."""
+    for name, one in read().items():
+        if one.seeds:
+            found = (stored(RESULTS, name, one, seed)[2] for seed in range(one.seeds))
+            yield name, one, [record for record in found if record]
+
+
+def results() -> str:
+    """Return the table of all finished runs and, below it, the list of missing ones."""
+    rows, missing, machines = list[tuple[Any, ...]](), list[str](), set[str]()
+    for name, one, records in made():
+        if len(records) < one.seeds:
+            missing.append(f"`{name}` ({one.seeds - len(records)} of {one.seeds})")
+        machines |= {record["machine"] for record in records}
+        stamps = {f"{record['version']} at {record['commit'][:8]}, {record['date']}" for record in records}
+        trained = one.learner != "built-in"
+        speeds = [record["points"][-1][0] / record["training_s"] for record in records if trained]
+        counts = [f"{one.decisions:,}", f"{np.mean(speeds):,.0f}", str(len(records))] if speeds else ["-"] * 3
+        for each in one.tests if records else ():
+            ends = [record["tests"][each] for record in records]
+            shares = [_share(end) for end in ends]
+            low, high = (
+                wilson(ends[0]["won"].count("1"), len(ends[0]["won"])) if len(ends) == 1 else (min(shares), max(shares))
+            )
+            won = f"{100 * np.mean(shares):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+            cells = [won, f"{np.mean([end['return'] for end in ends]):.2f}", *counts, "; ".join(sorted(stamps))]
+            rows.append((test := f"`{one.id}`, `{each}`", -np.mean(shares), [test, f"`{name}`", *cells]))
+    heads = "Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds", "Version"
+    words = f"Runs that are not made yet: {', '.join(missing) or 'none'}. Machines: {'; '.join(sorted(machines))}."
+    return f"{table(heads, [cells for *_, cells in sorted(rows)])}\n{words}\n"
+
+
+def draw(path: Path) -> None:
+    """Draw a diagram for each learner: a thin curve for each seed, their mean, and lines for built-in policies."""
+    every = [*made()]
+    learners = [entry for entry in every if entry[1].learner != "built-in"]
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(figsize=(8.6, 2.3 * -(-len(learners) // 3) + 0.7), layout="constrained")
+        for place, (name, one, records) in enumerate(learners, 1):
+            axes = figure.add_subplot(-(-len(learners) // 3), 3, place)
+            axes.set(title=f"{name} ({len(records)} of {one.seeds})", xlim=(0, one.decisions / 1000), ylim=(0, 100))
+            axes.spines[["top", "right"]].set_visible(False)
+            for _, other, played in every:
+                if played and other.learner == "built-in" and (other.id, other.tests[0]) == (one.id, one.tests[0]):
+                    colour, style = _LINES[other.policy]
+                    share = 100 * _share(played[0]["tests"][one.tests[0]])
+                    axes.axhline(share, color=colour, linestyle=style, linewidth=1, label=other.policy)
+            curves = [np.array(record["points"]).T for record in records]
+            for curve in curves:
+                axes.plot(curve[0] / 1000, 100 * curve[1], color="#2f6fd0", linewidth=0.6, label="a seed")
+            if curves:
+                mean = np.mean(curves, axis=0)
+                axes.plot(mean[0] / 1000, 100 * mean[1], color="#2f6fd0", linewidth=2, label="mean of seeds")
+        shown = {label: line for axes in figure.axes for line in axes.lines if (label := str(line.get_label()))}
+        figure.legend(shown.values(), shown, loc="outside lower center", ncols=7, fontsize=8)
+        figure.supylabel("completed test rounds, %", fontsize=9)
+        figure.supxlabel("decisions, thousands", fontsize=9)
+        figure.savefig(prepare(path), format="svg", metadata={"Date": None})
 
 
 def _short(one: Baseline) -> Baseline:
-    arguments = {**one.arguments, "settings": {**one.arguments.get("settings", {}), "time_limit_s": 20.0}}
+    settings = {**one.arguments.get("settings", {}), "time_limit_s": 20.0}
     small = {"n_steps": 16, "batch_size": 64, "learning_starts": 32}
     hyper = {key: small.get(key, value) for key, value in one.hyperparameters.items()}
-    changes = {"decisions": 512, "points": 2, "rounds": 4, "last_rounds": 8, "seeds": 1}
-    return msgspec.structs.replace(one, arguments=arguments, hyperparameters=hyper, **changes)
+    changes = {"arguments": {**one.arguments, "settings": settings}, "hyperparameters": hyper}
+    return msgspec.structs.replace(one, **changes, decisions=512, points=2, rounds=4, last_rounds=8)
 
 
 def _run(options: argparse.Namespace) -> None:
-    if options.quick and options.out == baselines.RESULTS:
-        options.out = ROOT / "results" / "benchmark"
-    if not options.page:
-        apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
-        for _ in apply(_job, jobs(options)):
-            pass
-    if options.out == baselines.RESULTS:
-        page = ROOT / "docs" / "benchmark.md"
-        write_text(page, reference.fill(page.read_text(encoding="utf-8")))
-        baselines.draw(IMAGES / "baselines.svg")
+    known = read()
+    names = options.names or [name for name, one in known.items() if one.seeds]
+    chosen = {name: _short(known[name]) if options.quick else known[name] for name in names}
+    seeds = options.seeds or range(max(one.seeds for one in chosen.values()))
+    out = options.out or (ROOT / "results" / "benchmark" if options.quick else RESULTS)
+    jobs = [(out, *each, seed) for seed in seeds for each in chosen.items() if options.seeds or seed < each[1].seeds]
+    apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
+    for _ in apply(run, jobs):
+        pass
+    if out == RESULTS:
+        write_page()
 
 
-def _job(job: Job) -> None:
-    play_references(job)
-    train(job)
+def write_page() -> None:
+    from tools import reference  # here, because it imports this module
+
+    write_text(PAGE, reference.fill(PAGE.read_text(encoding="utf-8")))
+    draw(IMAGES / "baselines.svg")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.learning_curves", description=__doc__)
+    add_names(parser, "baseline", read())
     add = parser.add_argument
-    add("names", nargs="*", metavar="NAME", help=f"of {baselines.FILE.name} (all of the benchmark)")
     add("--seeds", type=whole_number(0), nargs="+", metavar="S", help="of learners (all of the benchmark)")
     add("--workers", type=whole_number(1), default=1, metavar="N", help="processes, each with a learner (1)")
-    add("--out", type=Path, default=baselines.RESULTS, metavar="FOLDER", help="of the results (docs/benchmark)")
+    add("--out", type=Path, metavar="FOLDER", help="of the results (docs/benchmark; --quick: results/benchmark)")
     add("--quick", action="store_true", help="everything in short, to see that it works")
-    add("--page", action="store_true", help="train nothing, write the stored results into page and picture")
     return run_command(parser, argv, _run, "train")
 
 

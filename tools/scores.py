@@ -64,10 +64,15 @@ def play(env_id: str, player: str | Chooser, seeds: range, **arguments: Any) -> 
     return result | ({"ghosts": last["ghosts_caught"].tolist()} if envs.config.power.pellets > 0 else {})
 
 
+def play_all(env_id: str, player: str | Chooser, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
+    """Play in batches, and return the same as :func:`play`."""
+    starts = (seeds[first : first + _GAMES] for first in range(0, len(seeds), _GAMES))
+    parts = [play(env_id, player, some, **arguments) for some in starts]
+    return {name: [value for part in parts for value in part[name]] for name in parts[0]}
+
+
 def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
-    starts = range(0, episodes, _GAMES)
-    parts = [play(env_id, policy, range(first, min(first + _GAMES, episodes))) for first in starts]
-    played = {name: [value for part in parts for value in part[name]] for name in parts[0]}
+    played = play_all(env_id, policy, range(episodes))
     numbers: list[str] = [name for name in ("rounds", "pellets", "ghosts", "return") if name in played]
     means = {name: round(float(np.mean(played[name])), 3) for name in numbers}
     error = float(np.std(played["return"], ddof=1) / np.sqrt(episodes))
