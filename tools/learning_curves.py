@@ -18,7 +18,6 @@ from typing import Any, Literal
 import matplotlib
 import msgspec
 import numpy as np
-from gymnasium import __version__ as gymnasium_version
 from matplotlib.figure import Figure
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
@@ -99,13 +98,14 @@ def run(job: tuple[Path, str, Baseline, int]) -> None:
     _, name, baseline, seed = job
     print(f"{name}, seed {seed}", flush=True)
     if baseline.learner == "built-in":
-        values: Record = {each: baseline.play(each, baseline.policy, baseline.last_rounds) for each in baseline.tests}
-        values = {"tests": values}
+        tests = {each: baseline.play(each, baseline.policy, baseline.last_rounds) for each in baseline.tests}
+        values: Record = {"tests": tests}
     else:
         values = _train(baseline, seed)
-    facts = store.record(f"python -m tools.learning_curves {name} --seeds {seed}", (), None)
-    facts |= {"hash": hashed, "configuration": msgspec.to_builtins(baseline), "gymnasium": gymnasium_version}
-    write_text(prepare(file), store.text({**facts, **values}, 1) + "\n")
+    inputs = ("engine", "features", "environments", "settings")
+    record = store.record(f"python -m tools.learning_curves {name} --seeds {seed}", inputs, values)
+    record |= {"hash": hashed, "configuration": msgspec.to_builtins(baseline)}
+    write_text(prepare(file), store.text(record, 0) + "\n")
 
 
 def _train(baseline: Baseline, seed: int) -> Record:
@@ -182,10 +182,10 @@ def results() -> str:
         machines |= {record["machine"] for record in records}
         stamps = {f"{record['version']} at {record['commit'][:8]}, {record['date']}" for record in records}
         trained = one.learner != "built-in"
-        speeds = [record["points"][-1][0] / record["training_s"] for record in records if trained]
+        speeds = [record["values"]["points"][-1][0] / record["values"]["training_s"] for record in records if trained]
         counts = [f"{one.decisions:,}", f"{np.mean(speeds):,.0f}", str(len(records))] if speeds else ["-"] * 3
         for each in one.tests if records else ():
-            ends = [record["tests"][each] for record in records]
+            ends = [record["values"]["tests"][each] for record in records]
             shares = [_share(end) for end in ends]
             low, high = (
                 wilson(ends[0]["won"].count("1"), len(ends[0]["won"])) if len(ends) == 1 else (min(shares), max(shares))
@@ -211,9 +211,9 @@ def draw(path: Path) -> None:
             for _, other, played in every:
                 if played and other.learner == "built-in" and (other.id, other.tests[0]) == (one.id, one.tests[0]):
                     colour, style = _LINES[other.policy]
-                    share = 100 * _share(played[0]["tests"][one.tests[0]])
+                    share = 100 * _share(played[0]["values"]["tests"][one.tests[0]])
                     axes.axhline(share, color=colour, linestyle=style, linewidth=1, label=other.policy)
-            curves = [np.array(record["points"]).T for record in records]
+            curves = [np.array(record["values"]["points"]).T for record in records]
             for curve in curves:
                 axes.plot(curve[0] / 1000, 100 * curve[1], color="#2f6fd0", linewidth=0.6, label="a seed")
             if curves:
