@@ -5,7 +5,6 @@ file, so a later call plays only what is missing or has another configuration. A
 """
 
 import argparse
-import hashlib
 import json
 import sys
 import time
@@ -51,11 +50,11 @@ Record = dict[str, Any]
 class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Configuration of a training with a stock learner, and of its tests."""
 
-    id: str  # after "pacman_env/"
+    id: str
     arguments: dict[str, Any] = {}  # of the id
     tests: tuple[str, ...] = ("generated:test",)  # maps of the test rounds; the curve shows the first
     learner: Literal["MaskablePPO", "PPO", "QRDQN", "RecurrentPPO", "SAC", "built-in"]
-    policy: str = "MlpPolicy"  # name of the learner's network, or of the built-in policy
+    policy: str = "MlpPolicy"  # the learner's network, or the built-in policy
     games: int = 16  # games in parallel
     decisions: int = 300_000
     seeds: int = 0  # number of seeds in the benchmark
@@ -66,13 +65,15 @@ class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     last_rounds: int = 400  # after the training, on each map
 
     @property
-    def env_id(self) -> str:
-        return f"pacman_env/{self.id}"
+    def facts(self) -> Record:
+        """Return all fields as plain data, except the number of seeds, which changes no run."""
+        every = json.loads(msgspec.json.encode(self))
+        return {name: value for name, value in every.items() if name != "seeds"}
 
-    def play(self, map_name: str, player: str | scores.Chooser, rounds: int) -> Record:
+    def play(self, map_name: str, player: Any, rounds: int) -> Record:
         """Play test rounds, always the same; return the mean return, and for each round 1 if it was completed."""
         arguments = {**self.arguments, "map": map_name}
-        played = scores.play_all(self.env_id, player, range(_TEST_SEED, _TEST_SEED + rounds), **arguments)
+        played = scores.play_all(self.id, player, range(_TEST_SEED, _TEST_SEED + rounds), **arguments)
         return {"won": "".join(map(str, played["rounds"])), "return": round(float(np.mean(played["return"])), 3)}
 
 
@@ -82,83 +83,84 @@ def read() -> dict[str, Baseline]:
         return {name: convert(values, Baseline, name) for name, values in read_yaml(_FILE).items()}
 
 
-def stored(folder: Path, name: str, baseline: Baseline, seed: int) -> tuple[Path, str, Record | None]:
-    """Return the file of a run, the hash of its configuration, and its record if it has this configuration."""
-    file, text = folder / f"{name}-{seed}.json", msgspec.json.encode(baseline, order="deterministic")
-    hashed = hashlib.sha256(text).hexdigest()[:16]
+def stored(file: Path, baseline: Baseline) -> Record | None:
+    """Return the record in a file if it has this configuration."""
     record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
-    return file, hashed, record if record.get("hash") == hashed else None
+    return record if record.get("configuration") == baseline.facts else None
 
 
-def run(job: tuple[Path, str, Baseline, int]) -> None:
-    """Train a baseline and store its curve and last tests, unless they are stored."""
-    file, hashed, record = stored(*job)
-    if record:
+def run(job: tuple[Path, Baseline, int]) -> None:
+    """Play a baseline, which is trained first if it learns, and store its results, unless they are stored."""
+    file, baseline, seed = job
+    if stored(file, baseline):
         return
-    _, name, baseline, seed = job
-    print(f"{name}, seed {seed}", flush=True)
+    print(file.stem, flush=True)
     if baseline.learner == "built-in":
         tests = {each: baseline.play(each, baseline.policy, baseline.last_rounds) for each in baseline.tests}
         values: Record = {"tests": tests}
     else:
         values = _train(baseline, seed)
-    inputs = ("engine", "features", "environments", "settings")
-    record = store.record(f"python -m tools.learning_curves {name} --seeds {seed}", inputs, values)
-    record |= {"hash": hashed, "configuration": msgspec.to_builtins(baseline)}
-    write_text(prepare(file), store.text(record, 0) + "\n")
+    command = f"python -m tools.learning_curves {file.stem.rpartition('-')[0]} --seeds {seed}"
+    record = store.record(command, ("engine", "features", "environments", "settings"), values)
+    write_text(prepare(file), store.text({**record, "seed": seed, "configuration": baseline.facts}, 0) + "\n")
+
+
+class _Model:
+    """A model that plays test rounds with its best actions."""
+
+    def __init__(self, model: Any, env: Any, learner: str) -> None:
+        self._model, self._env, self._masked = model, env, learner == "MaskablePPO"
+
+    def reset(self, *_: Any) -> None:
+        self._memory: Any = None  # of a recurrent network
+
+    def act(self, envs: Any, observation: Any) -> Any:
+        seen = getattr(self._env, "normalize_obs", np.asarray)(observation)
+        masks = {"action_masks": envs.action_masks()} if self._masked else {}
+        actions, self._memory = self._model.predict(seen, self._memory, deterministic=True, **masks)
+        return actions
 
 
 def _train(baseline: Baseline, seed: int) -> Record:
-    """Return the points of the curve, the last tests and the processor time of both."""
-    import sb3_contrib  # here, because the pages are written without this extra
+    """Return the points of the curve, the last tests, the processor time of both, and the versions of libraries."""
+    import sb3_contrib  # here, because the page can be written without this extra
     import stable_baselines3 as sb3
     import torch
 
     from pacman_env.sb3 import PacManBotVecEnv
 
     torch.set_num_threads(1)  # networks this small are fastest on one core
-    env: Any = PacManBotVecEnv(baseline.games, **{**IDS[baseline.env_id].kwargs, **baseline.arguments})
-    given = msgspec.to_builtins(baseline.hyperparameters)  # a copy, because learners change it
-    values = {"learning_rate": [3e-4, 3e-4], **given, "seed": seed, "device": "cpu"}
-    first, last = values["learning_rate"]
-    values["learning_rate"] = lambda left: last + left * (first - last)
+    env: Any = PacManBotVecEnv(baseline.games, **{**IDS[baseline.id].kwargs, **baseline.arguments})
+    given = {"learning_rate": [3e-4, 3e-4], **baseline.facts["hyperparameters"], "seed": seed, "device": "cpu"}
+    first, last = given.pop("learning_rate")
     if baseline.normalize:
-        env = sb3.common.vec_env.VecNormalize(env, gamma=values.get("gamma", 0.99))
+        env = sb3.common.vec_env.VecNormalize(env, gamma=given.get("gamma", 0.99))
     learner = getattr(sb3_contrib, baseline.learner, None) or getattr(sb3, baseline.learner)
-    model = learner(baseline.policy, env, **values)
-    points, start, tests_s = list[list[float]](), time.process_time(), 0.0
+    model = learner(baseline.policy, env, learning_rate=lambda left: last + left * (first - last), **given)
+    player, points, start, tests_s = _Model(model, env, baseline.learner), list[list[float]](), time.process_time(), 0.0
 
-    def test(map_name: str, rounds: int) -> Record:
+    def add_point(rounds: int) -> Record:
         nonlocal tests_s
-        began, state = time.process_time(), None  # the memory of a recurrent network
-
-        def choose(envs: Any, observation: Any, begins: Any) -> Any:
-            nonlocal state
-            state = None if begins.all() else state
-            seen = env.normalize_obs(observation) if baseline.normalize else observation
-            masks = {"action_masks": envs.action_masks()} if baseline.learner == "MaskablePPO" else {}
-            actions, state = model.predict(seen, state, begins, deterministic=True, **masks)
-            return actions
-
-        result = baseline.play(map_name, choose, rounds)
+        began = time.process_time()
+        result = baseline.play(baseline.tests[0], player, rounds)
         tests_s += time.process_time() - began
-        print(f"{model.num_timesteps:9,} decisions, {map_name}: {100 * _share(result):.1f} %", flush=True)
+        points.append([model.num_timesteps, _share(result), result["return"]])
+        print(f"{model.num_timesteps:9,} decisions: {100 * _share(result):.1f} %", flush=True)
         return result
 
-    def add_point(*_: Any) -> bool:
-        if model.num_timesteps >= len(points) * baseline.decisions / baseline.points:
-            result = test(baseline.tests[0], baseline.rounds)
-            points.append([model.num_timesteps, _share(result), result["return"]])
+    def at_intervals(*_: Any) -> bool:
+        k = len(points)
+        if k < baseline.points and model.num_timesteps >= k * baseline.decisions / baseline.points:
+            add_point(baseline.rounds)
         return True
 
-    add_point()
-    model.learn(baseline.decisions, callback=add_point)
-    training_s = time.process_time() - start - tests_s
-    tests = {each: test(each, baseline.last_rounds) for each in baseline.tests}
-    end = tests[baseline.tests[0]]
-    points.append([model.num_timesteps, _share(end), end["return"]])
-    versions = {"torch": torch.__version__, "sb3": sb3.__version__, "sb3_contrib": sb3_contrib.__version__}
-    return {**versions, "training_s": round(training_s), "tests_s": round(tests_s), "tests": tests, "points": points}
+    at_intervals()
+    model.learn(baseline.decisions, callback=at_intervals)
+    training_s = round(time.process_time() - start - tests_s)
+    tests = {baseline.tests[0]: add_point(baseline.last_rounds)}
+    tests |= {each: baseline.play(each, player, baseline.last_rounds) for each in baseline.tests[1:]}
+    versions = {module.__name__: module.__version__ for module in (torch, sb3, sb3_contrib)}
+    return {"training_s": training_s, "tests_s": round(tests_s), "tests": tests, "points": points, **versions}
 
 
 def _share(played: Record) -> float:
@@ -169,33 +171,33 @@ def made() -> Iterator[tuple[str, Baseline, list[Record]]]:
     """Yield the name, the configuration and the records of the finished seeds of each baseline of the benchmark."""
     for name, one in read().items():
         if one.seeds:
-            found = (stored(RESULTS, name, one, seed)[2] for seed in range(one.seeds))
+            found = (stored(RESULTS / f"{name}-{seed}.json", one) for seed in range(one.seeds))
             yield name, one, [record for record in found if record]
 
 
 def results() -> str:
     """Return the table of all finished runs and, below it, the list of missing ones."""
-    rows, missing, machines = list[tuple[Any, ...]](), list[str](), set[str]()
+    rows, missing, machines = list[list[str]](), list[str](), set[str]()
     for name, one, records in made():
-        if len(records) < one.seeds:
-            missing.append(f"`{name}` ({one.seeds - len(records)} of {one.seeds})")
+        missing += [f"`{name}` ({one.seeds - len(records)} of {one.seeds})"] if len(records) < one.seeds else []
         machines |= {record["machine"] for record in records}
-        stamps = {f"{record['version']} at {record['commit'][:8]}, {record['date']}" for record in records}
-        trained = one.learner != "built-in"
-        speeds = [record["values"]["points"][-1][0] / record["values"]["training_s"] for record in records if trained]
-        counts = [f"{one.decisions:,}", f"{np.mean(speeds):,.0f}", str(len(records))] if speeds else ["-"] * 3
+        stamps = sorted({f"{record['version']} at {record['commit'][:8]}, {record['date']}" for record in records})
+        counts = ["-"] * 3
+        if records and one.learner != "built-in":
+            speed = np.mean([one.decisions / record["values"]["training_s"] for record in records])
+            counts = [f"{one.decisions:,}", f"{speed:,.0f}", str(len(records))]
         for each in one.tests if records else ():
             ends = [record["values"]["tests"][each] for record in records]
-            shares = [_share(end) for end in ends]
-            low, high = (
-                wilson(ends[0]["won"].count("1"), len(ends[0]["won"])) if len(ends) == 1 else (min(shares), max(shares))
-            )
-            won = f"{100 * np.mean(shares):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
-            cells = [won, f"{np.mean([end['return'] for end in ends]):.2f}", *counts, "; ".join(sorted(stamps))]
-            rows.append((test := f"`{one.id}`, `{each}`", -np.mean(shares), [test, f"`{name}`", *cells]))
-    heads = "Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds", "Version"
+            won = [_share(end) for end in ends]
+            alone = wilson(ends[0]["won"].count("1"), one.last_rounds)
+            low, high = alone if len(ends) == 1 else (min(won), max(won))
+            cells = [f"{100 * np.mean(won):5.1f} [{100 * low:.1f}, {100 * high:.1f}]", *counts, "; ".join(stamps)]
+            returned = f"{np.mean([end['return'] for end in ends]):.1f}"
+            rows.append([f"`{one.id.removeprefix('pacman_env/')}`, `{each}`", f"`{name}`", returned, *cells])
+    rows.sort(key=lambda row: (row[0], -float(row[3].partition("[")[0])))
+    heads = "Test rounds", "Player", "Return", "Completed, %", "Decisions", "Decisions/s", "Seeds", "Version"
     words = f"Runs that are not made yet: {', '.join(missing) or 'none'}. Machines: {'; '.join(sorted(machines))}."
-    return f"{table(heads, [cells for *_, cells in sorted(rows)])}\n{words}\n"
+    return f"{table(heads, rows)}\n{words}\n"
 
 
 def draw(path: Path) -> None:
@@ -240,19 +242,16 @@ def _run(options: argparse.Namespace) -> None:
     chosen = {name: _short(known[name]) if options.quick else known[name] for name in names}
     seeds = options.seeds or range(max(one.seeds for one in chosen.values()))
     out = options.out or (ROOT / "results" / "benchmark" if options.quick else RESULTS)
-    jobs = [(out, *each, seed) for seed in seeds for each in chosen.items() if options.seeds or seed < each[1].seeds]
+    every = ((name, one, seed) for seed in seeds for name, one in chosen.items() if options.seeds or seed < one.seeds)
+    jobs = [(out / f"{name}-{seed}.json", one, seed) for name, one, seed in every]
     apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
     for _ in apply(run, jobs):
         pass
     if out == RESULTS:
-        write_page()
+        from tools import reference  # here, because it imports this module
 
-
-def write_page() -> None:
-    from tools import reference  # here, because it imports this module
-
-    write_text(PAGE, reference.fill(PAGE.read_text(encoding="utf-8")))
-    draw(IMAGES / "baselines.svg")
+        write_text(PAGE, reference.fill(PAGE.read_text(encoding="utf-8")))
+        draw(IMAGES / "baselines.svg")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -4,13 +4,12 @@ The episode of seed s follows ``env.reset(seed=s)`` of the id without arguments.
 the action space. The other policies choose goals, so an id with velocity actions has the scores of ``random`` only.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
 from pacman_env.envs.infos import OUTCOMES
 from pacman_env.envs.registration import IDS
@@ -22,35 +21,29 @@ POLICIES = ("random", "random_pellet", "nearest", "clyde_aware", "lookahead", "p
 _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 
-#: Returns actions (N,) for environments, their observations, and which games begin a round (N,).
-Chooser = Callable[[Any, Any, NDArray[np.bool_]], NDArray[Any]]
+def play(env_id: str, player: Any, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
+    """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught.
 
-
-def _built_in(name: str) -> Chooser:
-    policy = make_policy(name)
-
-    def choose(envs: Any, observation: Any, begins: NDArray[np.bool_]) -> NDArray[Any]:
-        if name == POLICIES[0]:
-            drives = envs.config.action == "velocity"
-            return np.asarray(envs.action_space.sample(None if drives else tuple(envs.action_masks().astype(np.int8))))
-        if begins.any():
-            policy.reset(begins, envs.config)
-        return np.asarray(envs.action_of(policy.select(envs.situation)))
-
-    return choose
-
-
-def play(env_id: str, player: str | Chooser, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
-    """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught."""
+    ``player`` is the name of a policy, or has ``reset`` as policies have, and ``act(envs, observation)``.
+    """
     options: dict[str, Any] = {"vectorization_mode": "vector_entry_point", "autoreset_mode": AutoresetMode.DISABLED}
     envs: Any = gym.make_vec(env_id, len(seeds), **options, **arguments).unwrapped
     observation, infos = envs.reset(seed=list(seeds))
-    choose, number = _built_in(player) if isinstance(player, str) else player, np.zeros(len(seeds), np.int64)
+    policy: Any = make_policy(player) if isinstance(player, str) else player
+    drives, number = envs.config.action == "velocity", np.ones(len(seeds), np.int64)
     envs.action_space.seed(seeds.start)
+    policy.reset(np.ones(len(seeds), dtype=np.bool_), envs.config)
     returns, over, last = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.bool_), infos
     while not over.all():
-        now = infos.get("round", np.ones(len(seeds), np.int64))
-        action, number = choose(envs, observation, now != number), now.copy()
+        if "round" in infos and (infos["round"] != number).any():  # reset the policy for the new round
+            policy.reset(infos["round"] != number, envs.config)
+            number = infos["round"].copy()
+        if policy is player:
+            action = policy.act(envs, observation)
+        elif player == POLICIES[0]:
+            action = envs.action_space.sample(None if drives else tuple(envs.action_masks().astype(np.int8)))
+        else:
+            action = envs.action_of(policy.select(envs.situation))
         observation, rewards, terminated, truncated, infos = envs.step(action)
         returns += np.where(over, 0.0, rewards)
         counted = (key for key in ("outcome", "collected", "round", "score", "ghosts_caught") if key in infos)
@@ -64,10 +57,10 @@ def play(env_id: str, player: str | Chooser, seeds: range, **arguments: Any) -> 
     return result | ({"ghosts": last["ghosts_caught"].tolist()} if envs.config.power.pellets > 0 else {})
 
 
-def play_all(env_id: str, player: str | Chooser, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
+def play_all(env_id: str, player: Any, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
     """Play in batches, and return the same as :func:`play`."""
-    starts = (seeds[first : first + _GAMES] for first in range(0, len(seeds), _GAMES))
-    parts = [play(env_id, player, some, **arguments) for some in starts]
+    starts = range(0, len(seeds), _GAMES)
+    parts = [play(env_id, player, seeds[first : first + _GAMES], **arguments) for first in starts]
     return {name: [value for part in parts for value in part[name]] for name in parts[0]}
 
 
