@@ -189,13 +189,15 @@ def results() -> str:
         for each in one.tests if records else ():
             ends = [record["values"]["tests"][each] for record in records]
             won = [_share(end) for end in ends]
-            alone = wilson(ends[0]["won"].count("1"), one.last_rounds)
-            low, high = alone if len(ends) == 1 else (min(won), max(won))
-            cells = [f"{100 * np.mean(won):5.1f} [{100 * low:.1f}, {100 * high:.1f}]", *counts, "; ".join(stamps)]
+            low, high = min(won), max(won)
+            if len(ends) == 1:
+                low, high = wilson(ends[0]["won"].count("1"), one.last_rounds)
+            share = f"{100 * np.mean(won):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
             returned = f"{np.mean([end['return'] for end in ends]):.1f}"
-            rows.append([f"`{one.id.removeprefix('pacman_env/')}`, `{each}`", f"`{name}`", returned, *cells])
-    rows.sort(key=lambda row: (row[0], -float(row[3].partition("[")[0])))
-    heads = "Test rounds", "Player", "Return", "Completed, %", "Decisions", "Decisions/s", "Seeds", "Version"
+            test = f"`{one.id.removeprefix('pacman_env/')}`, `{each}`"
+            rows.append([test, f"`{name}`", share, returned, *counts, "; ".join(stamps)])
+    rows.sort(key=lambda row: (row[0], -float(row[2].split()[0])))
+    heads = "Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds", "Version"
     words = f"Runs that are not made yet: {', '.join(missing) or 'none'}. Machines: {'; '.join(sorted(machines))}."
     return f"{table(heads, rows)}\n{words}\n"
 
@@ -222,7 +224,7 @@ def draw(path: Path) -> None:
                 mean = np.mean(curves, axis=0)
                 axes.plot(mean[0] / 1000, 100 * mean[1], color="#2f6fd0", linewidth=2, label="mean of seeds")
         shown = {label: line for axes in figure.axes for line in axes.lines if (label := str(line.get_label()))}
-        figure.legend(shown.values(), shown, loc="outside lower center", ncols=7, fontsize=8)
+        figure.legend(shown.values(), shown, loc="outside upper center", ncols=7, fontsize=8)
         figure.supylabel("completed test rounds, %", fontsize=9)
         figure.supxlabel("decisions, thousands", fontsize=9)
         figure.savefig(prepare(path), format="svg", metadata={"Date": None})
