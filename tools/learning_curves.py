@@ -131,12 +131,14 @@ def _train(baseline: Baseline, seed: int) -> Record:
 
     torch.set_num_threads(1)  # networks this small are fastest on one core
     env: Any = PacManBotVecEnv(baseline.games, **{**IDS[baseline.id].kwargs, **baseline.arguments})
-    given = {"learning_rate": [3e-4, 3e-4], **baseline.facts["hyperparameters"], "seed": seed, "device": "cpu"}
-    first, last = given.pop("learning_rate")
+    given = {**baseline.facts["hyperparameters"], "seed": seed, "device": "cpu"}
+    if "learning_rate" in given:
+        first, last = given["learning_rate"]
+        given["learning_rate"] = lambda left: last + left * (first - last)
     if baseline.normalize:
         env = sb3.common.vec_env.VecNormalize(env, gamma=given.get("gamma", 0.99))
     learner = getattr(sb3_contrib, baseline.learner, None) or getattr(sb3, baseline.learner)
-    model = learner(baseline.policy, env, learning_rate=lambda left: last + left * (first - last), **given)
+    model = learner(baseline.policy, env, **given)
     player, points, start, tests_s = _Model(model, env, baseline.learner), list[list[float]](), time.process_time(), 0.0
 
     def add_point(rounds: int) -> Record:
