@@ -39,7 +39,8 @@ _LINES = {  # colour and style of the built-in policies
     "lookahead": ("#2f8f4e", "--"), "ppo": ("#b38600", "-"),
 }  # fmt: skip
 _STYLE = {
-    "svg.fonttype": "none", "svg.hashsalt": "baselines", "font.size": 9, "axes.titlesize": 9,
+    "svg.fonttype": "none", "svg.hashsalt": "baselines", "xtick.bottom": False, "ytick.left": False,
+    "font.sans-serif": ["DejaVu Sans"], "font.size": 9, "axes.titlesize": 9,
     **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), "#1b1f24"),
     **dict.fromkeys(("axes.edgecolor", "legend.edgecolor"), "#d0d7de"),
     **dict.fromkeys(("axes.facecolor", "figure.facecolor", "legend.facecolor"), "#ffffff"),
@@ -209,11 +210,13 @@ def draw(path: Path) -> None:
     every = [*made()]
     learners = [entry for entry in every if entry[1].learner != "built-in"]
     with matplotlib.rc_context(_STYLE):
-        figure = Figure(figsize=(8.6, 2.3 * -(-len(learners) // 3) + 0.7), layout="constrained")
-        for place, (name, one, records) in enumerate(learners, 1):
-            axes = figure.add_subplot(-(-len(learners) // 3), 3, place)
+        rows = -(-len(learners) // 3)
+        figure = Figure(figsize=(8.6, 2.3 * rows + 0.7), layout="constrained")
+        grid = figure.subplots(rows, 3, sharey=True, squeeze=False).flat
+        for axes, (name, one, records) in zip(grid, learners, strict=False):
             axes.set(title=f"{name} ({len(records)} of {one.seeds})", xlim=(0, one.decisions / 1000), ylim=(0, 100))
             axes.spines[["top", "right"]].set_visible(False)
+            axes.locator_params(nbins=4)
             for _, other, played in every:
                 if played and other.learner == "built-in" and (other.id, other.tests[0]) == (one.id, one.tests[0]):
                     colour, style = _LINES[other.policy]
