@@ -8,6 +8,7 @@ import argparse
 import json
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -29,6 +30,7 @@ from pacman_env.files import prepare, write_text
 from tools import scores
 from tools.common import IMAGES, ROOT, add_names, table
 from tools.figures import store
+from tools.figures.views import VIEWS
 
 PAGE = ROOT / "docs" / "benchmark.md"
 RESULTS = PAGE.with_suffix("")
@@ -179,12 +181,11 @@ def made() -> Iterator[tuple[str, Baseline, list[Record]]]:
 
 
 def results() -> str:
-    """Return the table of all finished runs and, below it, the list of missing ones."""
-    rows, missing, machines = list[list[str]](), list[str](), set[str]()
+    """Return the table of all finished runs; below it the versions that made them, and the missing runs."""
+    rows, missing, stamps = list[list[str]](), list[str](), Counter[str]()
     for name, one, records in made():
-        missing += [f"`{name}` ({one.seeds - len(records)} of {one.seeds})"] if len(records) < one.seeds else []
-        machines |= {record["machine"] for record in records}
-        stamps = sorted({f"{record['version']} at {record['commit'][:8]}, {record['date']}" for record in records})
+        missing += [f"{one.seeds - len(records)} of `{name}`"] if len(records) < one.seeds else []
+        stamps.update(VIEWS["stamp"](name, {name: record}, ()) for record in records)
         counts = ["-"] * 3
         if records and one.learner != "built-in":
             speed = np.mean([one.decisions / record["values"]["training_s"] for record in records])
@@ -197,12 +198,11 @@ def results() -> str:
                 low, high = wilson(ends[0]["won"].count("1"), one.last_rounds)
             share = f"{100 * np.mean(won):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
             returned = f"{np.mean([end['return'] for end in ends]):.1f}"
-            test = f"`{one.id.removeprefix('pacman_env/')}`, `{each}`"
-            rows.append([test, f"`{name}`", share, returned, *counts, "; ".join(stamps)])
+            rows.append([f"`{one.id.removeprefix('pacman_env/')}`, `{each}`", f"`{name}`", share, returned, *counts])
     rows.sort(key=lambda row: (row[0], -float(row[2].split()[0])))
-    heads = "Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds", "Version"
-    words = f"Runs that are not made yet: {', '.join(missing) or 'none'}. Machines: {'; '.join(sorted(machines))}."
-    return f"{table(heads, rows)}\n{words}\n"
+    text = table(("Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds"), rows)
+    text += f"\nFinished: {'; '.join(f'{count} runs by {stamp}' for stamp, count in stamps.items())}."
+    return f"{text} Not made yet: {', '.join(missing) or 'none'}.\n"
 
 
 def draw(path: Path) -> None:
