@@ -15,10 +15,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal
 
-import matplotlib
 import msgspec
 import numpy as np
-from matplotlib.figure import Figure
 
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import located
@@ -126,7 +124,7 @@ class _Model:
 
 def _train(baseline: Baseline, seed: int) -> Record:
     """Return the points of the curve, the last tests, the processor time of both, and the versions of libraries."""
-    import sb3_contrib  # here, because the page can be written without this extra
+    import sb3_contrib  # here, because the table is written without this extra
     import stable_baselines3 as sb3
     import torch
 
@@ -207,6 +205,9 @@ def results() -> str:
 
 def draw(path: Path) -> None:
     """Draw a diagram for each learner: a thin curve for each seed, their mean, and lines for built-in policies."""
+    import matplotlib  # here, because scripts/docs imports this module without the extra
+    from matplotlib.figure import Figure
+
     every = [*made()]
     learners = [entry for entry in every if entry[1].learner != "built-in"]
     with matplotlib.rc_context(_STYLE):
