@@ -199,7 +199,7 @@ def results() -> str:
             rows.append([f"`{one.id.removeprefix('pacman_env/')}`, `{each}`", f"`{name}`", share, returned, *counts])
     rows.sort(key=lambda row: (row[0], -float(row[2].split()[0])))
     text = table(("Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds"), rows)
-    text += f"\nFinished: {'; '.join(f'{count} runs by {stamp}' for stamp, count in stamps.items())}."
+    text += f"\nFinished runs: {'; '.join(f'{count} by {stamp}' for stamp, count in stamps.items())}."
     return f"{text} Not made yet: {', '.join(missing) or 'none'}.\n"
 
 
