@@ -15,7 +15,7 @@ from pacman_env.command_line.command import Parser, run_command
 from pacman_env.config import make_config
 from pacman_env.envs.pacmanbot import PacManBotEnv
 from pacman_env.evaluation.replay import RecordedGame, film, record_games
-from pacman_env.files import prepare, replaced, write_text
+from pacman_env.files import prepare, replaced
 from pacman_env.levels.assets import MapAssets, map_assets
 from pacman_env.levels.level_source import TEST_LEVEL, prepare_level
 from pacman_env.policies.registry import make_policy
@@ -23,9 +23,8 @@ from pacman_env.render.frames import map_view, render_frame
 from pacman_env.render.palette import DARK, LIGHT, THEMES, Colour, Theme
 from pacman_env.render.symbols import Image, paste, text
 from pacman_env.world.maps.occupancy import shipped_maps
-from tools import learning, replay
+from tools import learning_curves, replay
 from tools.common import add_images, add_names, save_film
-from tools.figures import store
 
 _GAP = 10  # px between pictures
 _PX_PER_M = 21.0  # scale of the maps in a sheet
@@ -201,7 +200,7 @@ PICTURES: dict[str, Callable[[Theme], Image]] = {
     "reading": draw_reading,
     "houses": draw_houses,
 }
-NAMES = (*PICTURES, "round", "round-dark", "learning")
+NAMES = (*PICTURES, "round", "round-dark", "baselines")
 
 
 def save(name: str, path: Path, theme: Theme = "light") -> None:
@@ -218,8 +217,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _draw(arguments: argparse.Namespace) -> None:
     for name in arguments.names or NAMES:
-        if name == "learning":
-            write_text(arguments.out / "learning.svg", learning.draw(store.read()["maskable_ppo"]))
+        if name == "baselines":
+            learning_curves.draw(arguments.out / "baselines.svg")
         elif name in PICTURES:
             save(name, arguments.out / f"{name}.png")
         else:

@@ -1,12 +1,15 @@
-"""Measure how fast stock learners learn, one curve per configuration and seed: ``python -m tools.learning_curves``.
+"""Train the baselines of ``baselines.yaml``, and test them in new houses: ``python -m tools.learning_curves``.
 
-The configurations of ``baselines.yaml`` are Stable-Baselines3's PPO or sb3-contrib's MaskablePPO, with defaults or with
-tuned values. At intervals the model plays the same test rounds, which ``nearest`` and ``random_pellet`` play too.
+A baseline is a stock learner with its hyperparameters, or a built-in policy for comparison. Each finished run is a
+file, so a later call plays only what is missing or has another configuration. All results are on docs/benchmark.md.
 """
 
 import argparse
+import json
 import sys
-from collections.abc import Sequence
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -14,181 +17,260 @@ from typing import Any, Literal
 
 import msgspec
 import numpy as np
-import torch
-from matplotlib.figure import Figure
-from sb3_contrib import MaskablePPO
-from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked
-from stable_baselines3 import PPO
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.preprocessing import is_image_space
-from stable_baselines3.common.utils import LinearSchedule
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.config import located
 from pacman_env.config.validation import convert
 from pacman_env.config.yaml_files import read_yaml
-from pacman_env.envs.arguments import EnvArguments
-from pacman_env.episodes.rollout import play
+from pacman_env.envs.registration import IDS
 from pacman_env.episodes.statistics import wilson
-from pacman_env.files import prepare, write_json
-from pacman_env.game.ends import COMPLETE
-from pacman_env.sb3 import PacManBotVecEnv
-from tools.common import ROOT
+from pacman_env.files import prepare, write_text
+from tools import scores
+from tools.common import IMAGES, ROOT, add_names, table
+from tools.figures import store
+from tools.figures.views import VIEWS
 
-FILE = ROOT / "train" / "hyperparameters" / "baselines.yaml"
-_LEARNERS: dict[str, Any] = {"maskable_ppo": (MaskablePPO, evaluate_masked), "ppo": (PPO, evaluate_policy)}
-_TEST_GAMES, _TEST_SEED = 8, 1_000_000  # games in parallel; seed of the test rounds
-Curve = dict[str, Any]
+PAGE = ROOT / "docs" / "benchmark.md"
+RESULTS = PAGE.with_suffix("")
+_FILE = ROOT / "train" / "hyperparameters" / "baselines.yaml"
+_TEST_SEED = 1_000_000  # of the first test round
+_LINES = {  # colour and style of the built-in policies
+    "random": ("#57606a", ":"), "nearest": ("#57606a", "--"), "clyde_aware": ("#57606a", "-."),
+    "lookahead": ("#2f8f4e", "--"), "ppo": ("#b38600", "-"),
+}  # fmt: skip
+_STYLE = {
+    "svg.fonttype": "none", "svg.hashsalt": "baselines", "xtick.bottom": False, "ytick.left": False,
+    "font.sans-serif": ["DejaVu Sans"], "font.size": 9, "axes.titlesize": 9,
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color"), "#1b1f24"),
+    **dict.fromkeys(("axes.edgecolor", "legend.edgecolor"), "#d0d7de"),
+    **dict.fromkeys(("axes.facecolor", "figure.facecolor", "legend.facecolor"), "#ffffff"),
+}  # fmt: skip
+Record = dict[str, Any]
 
 
 class Baseline(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Configuration of a training with a stock learner."""
+    """Configuration of a training with a stock learner, and of its tests."""
 
-    environment: dict[str, Any] = {}  # arguments of PacManBotVecEnv
-    learner: Literal["maskable_ppo", "ppo"] = "maskable_ppo"
-    policy: Literal["MlpPolicy", "MultiInputPolicy"] = "MlpPolicy"
-    games: int = 8  # games in parallel
-    decisions: int = 200_000
-    every: int = 0  # decisions between two points of the curve; 0: one update
+    id: str
+    arguments: dict[str, Any] = {}  # of the id
+    tests: tuple[str, ...] = ("generated:test",)  # maps of the test rounds; the curve shows the first
+    learner: Literal["MaskablePPO", "PPO", "QRDQN", "RecurrentPPO", "SAC", "built-in"]
+    policy: str = "MlpPolicy"  # the learner's network, or the built-in policy
+    games: int = 16  # games in parallel
+    decisions: int = 300_000
+    seeds: int = 0  # number of seeds in the benchmark
     normalize: bool = False  # normalize observations and rewards by running mean and deviation
-    test: str = "generated:test"  # map of the test rounds
     hyperparameters: dict[str, Any] = {}  # of the learner; learning_rate: at the start and at the end
+    points: int = 10  # of the curve, before the last tests
+    rounds: int = 200  # for each point
+    last_rounds: int = 400  # after the training, on each map
 
-    def wrapped(self, map_name: str, games: int, training: bool = True) -> VecEnv:
-        """Return games on a map with the wrapper for the learner."""
-        settings = {"observation.numeric_info": True, **self.environment.get("settings", {})}
-        arguments = {"flat": True, **self.environment, "map": map_name, "settings": settings}
-        env: VecEnv = PacManBotVecEnv(games, **arguments)
-        if self.normalize:
-            spaces = getattr(env.observation_space, "spaces", None)
-            keys = spaces and [key for key, space in spaces.items() if not is_image_space(space)]
-            gamma = self.hyperparameters.get("gamma", 0.99)
-            env = VecNormalize(env, training, norm_reward=training, gamma=gamma, norm_obs_keys=keys)
-        return env
+    @property
+    def facts(self) -> Record:
+        """Return all fields as plain data, except the number of seeds, which changes no run."""
+        every = json.loads(msgspec.json.encode(self))
+        return {name: value for name, value in every.items() if name != "seeds"}
 
-    def make_model(self, seed: int) -> BaseAlgorithm:
-        torch.set_num_threads(1)  # networks this small are fastest on one core
-        values = {"learning_rate": [3e-4, 3e-4], **self.hyperparameters, "seed": seed, "device": "cpu"}
-        values["learning_rate"] = LinearSchedule(values["learning_rate"][0], values["learning_rate"][1], 1.0)
-        values["policy_kwargs"] = {key: values.pop(key) for key in ("net_arch", "log_std_init") if key in values}
-        return _LEARNERS[self.learner][0](self.policy, self.wrapped(self.environment["map"], self.games), **values)
+    def play(self, map_name: str, player: Any, rounds: int) -> Record:
+        """Play test rounds, always the same; return the mean return, and for each round 1 if it was completed."""
+        arguments = {**self.arguments, "map": map_name}
+        played = scores.play_all(self.id, player, range(_TEST_SEED, _TEST_SEED + rounds), **arguments)
+        return {"won": "".join(map(str, played["rounds"])), "return": round(float(np.mean(played["return"])), 3)}
 
 
-class _Tests(BaseCallback):
-    """Play the test rounds at intervals between updates, and after the last update."""
+def read() -> dict[str, Baseline]:
+    """Return the baselines by name, in the order of their training."""
+    with located(_FILE, ValueError):
+        return {name: convert(values, Baseline, name) for name, values in read_yaml(_FILE).items()}
 
-    def __init__(self, name: str, baseline: Baseline, rounds: int) -> None:
-        super().__init__()
-        self._name, self._baseline, self._rounds = name, baseline, rounds
-        self._test = baseline.wrapped(baseline.test, _TEST_GAMES, training=False)
-        self._tested, self.points = 0, list[dict[str, Any]]()
-        self.won: dict[int, bool] = {}  # by the seed of the round
 
-    def _on_step(self) -> bool:
+def stored(file: Path, baseline: Baseline) -> Record | None:
+    """Return the record in a file if it has this configuration."""
+    record = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+    return record if record.get("configuration") == baseline.facts else None
+
+
+def run(job: tuple[Path, Baseline, int]) -> None:
+    """Play a baseline, which is trained first if it learns, and store its results, unless they are stored."""
+    file, baseline, seed = job
+    if stored(file, baseline):
+        return
+    print(file.stem, flush=True)
+    if baseline.learner == "built-in":
+        tests = {each: baseline.play(each, baseline.policy, baseline.last_rounds) for each in baseline.tests}
+        values: Record = {"tests": tests}
+    else:
+        values = _train(baseline, seed)
+    command = f"python -m tools.learning_curves {file.stem.rpartition('-')[0]} --seeds {seed}"
+    record = store.record(command, ("engine", "features", "environments", "settings"), values)
+    write_text(prepare(file), store.text({**record, "seed": seed, "configuration": baseline.facts}, 0) + "\n")
+
+
+class _Model:
+    """A model that plays test rounds with its best actions."""
+
+    def __init__(self, model: Any, env: Any, learner: str) -> None:
+        self._model, self._env, self._masked = model, env, learner == "MaskablePPO"
+
+    def reset(self, *_: Any) -> None:
+        self._memory: Any = None  # of a recurrent network
+
+    def act(self, envs: Any, observation: Any) -> Any:
+        seen = getattr(self._env, "normalize_obs", np.asarray)(observation)
+        masks = {"action_masks": envs.action_masks()} if self._masked else {}
+        actions, self._memory = self._model.predict(seen, self._memory, deterministic=True, **masks)
+        return actions
+
+
+def _train(baseline: Baseline, seed: int) -> Record:
+    """Return the points of the curve, the last tests, the processor time of both, and the versions of libraries."""
+    import sb3_contrib  # here, because the table is written without this extra
+    import stable_baselines3 as sb3
+    import torch
+
+    from pacman_env.sb3 import PacManBotVecEnv
+
+    torch.set_num_threads(1)  # networks this small are fastest on one core
+    env: Any = PacManBotVecEnv(baseline.games, **{**IDS[baseline.id].kwargs, **baseline.arguments})
+    given = {**baseline.facts["hyperparameters"], "seed": seed, "device": "cpu"}
+    if "learning_rate" in given:
+        first, last = given["learning_rate"]
+        given["learning_rate"] = lambda left: last + left * (first - last)
+    if baseline.normalize:
+        env = sb3.common.vec_env.VecNormalize(env, gamma=given.get("gamma", 0.99))
+    learner = getattr(sb3_contrib, baseline.learner, None) or getattr(sb3, baseline.learner)
+    model = learner(baseline.policy, env, **given)
+    player, points, start, tests_s = _Model(model, env, baseline.learner), list[list[float]](), time.process_time(), 0.0
+
+    def add_point(rounds: int) -> Record:
+        nonlocal tests_s
+        began = time.process_time()
+        result = baseline.play(baseline.tests[0], player, rounds)
+        tests_s += time.process_time() - began
+        points.append([model.num_timesteps, _share(result), result["return"]])
+        print(f"{model.num_timesteps:9,} decisions: {100 * _share(result):.1f} %", flush=True)
+        return result
+
+    def at_intervals(*_: Any) -> bool:
+        k = len(points)
+        if k < baseline.points and model.num_timesteps >= k * baseline.decisions / baseline.points:
+            add_point(baseline.rounds)
         return True
 
-    def _on_rollout_start(self) -> None:
-        if self.num_timesteps - self._tested >= max(self._baseline.every, 1):
-            self._on_training_end()
-
-    def _on_training_end(self) -> None:
-        """Play the test rounds, always the same, with the best actions."""
-        self._tested, self.won = self.num_timesteps, {}
-        if isinstance(self._test, VecNormalize) and (normalizer := self.model.get_vec_normalize_env()):
-            self._test.obs_rms = normalizer.obs_rms
-        self._test.seed(_TEST_SEED)
-        evaluate = _LEARNERS[self._baseline.learner][1]
-        evaluate(self.model, self._test, n_eval_episodes=self._rounds, callback=self._end_of_a_round)
-        self.points.append({"decisions": self.num_timesteps, **(reached := completed([*self.won.values()]))})
-        print(f"{self._name}: {self.num_timesteps} decisions, {100 * reached['completed']:.1f} %", flush=True)
-
-    def _end_of_a_round(self, now: dict[str, Any], _: dict[str, Any]) -> None:
-        if now["done"]:
-            self.won[now["info"]["round_seed"]] = now["info"]["outcome"] == COMPLETE
+    at_intervals()
+    model.learn(baseline.decisions, callback=at_intervals)
+    training_s = round(time.process_time() - start - tests_s)
+    tests = {baseline.tests[0]: add_point(baseline.last_rounds)}
+    tests |= {each: baseline.play(each, player, baseline.last_rounds) for each in baseline.tests[1:]}
+    versions = {module.__name__: module.__version__ for module in (torch, sb3, sb3_contrib)}
+    return {"training_s": training_s, "tests_s": round(tests_s), "tests": tests, "points": points, **versions}
 
 
-def completed(won: Any) -> dict[str, Any]:
-    return {"completed": float(np.mean(won)), "completed_interval": wilson(int(np.sum(won)), len(won))}
+def _share(played: Record) -> float:
+    return float(played["won"].count("1") / len(played["won"]))
 
 
-def curve(task: tuple[str, Baseline, int, int]) -> Curve:
-    """Train one learner; return the points of its curve and the reference policies' results in the same test rounds."""
-    name, baseline, seed, rounds = task
-    tests = _Tests(f"{name} seed {seed}", baseline, rounds)
-    baseline.make_model(seed).learn(baseline.decisions, callback=tests)
-    arguments = EnvArguments(map=baseline.test, preset=baseline.environment.get("preset", "robot"))
-    config, _ = arguments.make_config()
-    seeds, source = np.array([*tests.won], dtype=np.uint64), arguments.make_source(config)
-    rules = "nearest", "random_pellet"
-    references = {rule: completed(play(source, config, rule, seeds)[0]["end"] == COMPLETE) for rule in rules}
-    return {"name": name, "seed": seed, "points": tests.points, "references": references}
+def made() -> Iterator[tuple[str, Baseline, list[Record]]]:
+    """Yield the name, the configuration and the records of the finished seeds of each baseline of the benchmark."""
+    for name, one in read().items():
+        if one.seeds:
+            found = (stored(RESULTS / f"{name}-{seed}.json", one) for seed in range(one.seeds))
+            yield name, one, [record for record in found if record]
 
 
-def chosen(options: argparse.Namespace) -> dict[str, Baseline]:
-    """Return the selected configurations by name, with fields replaced by the given options."""
-    with located(FILE, ValueError):
-        known = {name: convert(values, Baseline, name) for name, values in read_yaml(FILE).items()}
-    if unknown := [name for name in options.names if name not in known]:
-        raise ValueError(f"{unknown[0]!r}: choose among {' '.join(known)}")
-    changes = {key: getattr(options, key) for key in ("decisions", "test") if getattr(options, key) is not None}
-    result = {}
-    for name in options.names:
-        environment, hyper = {**known[name].environment}, {**known[name].hyperparameters}
-        environment["map"] = options.map or environment.get("map", "generated")
-        if options.quick:
-            environment["settings"] = {**environment.get("settings", {}), "time_limit_s": 60.0}
-            hyper |= {"n_steps": 16, "batch_size": 64}
-        result[name] = msgspec.structs.replace(known[name], environment=environment, hyperparameters=hyper, **changes)
-    return result
+def results() -> str:
+    """Return the table of all finished runs; below it the versions that made them, and the missing runs."""
+    rows, missing, stamps = list[list[str]](), list[str](), Counter[str]()
+    for name, one, records in made():
+        missing += [f"{one.seeds - len(records)} of `{name}`"] if len(records) < one.seeds else []
+        stamps.update(VIEWS["stamp"](name, {name: record}, ()) for record in records)
+        counts = ["-"] * 3
+        if records and one.learner != "built-in":
+            speed = np.mean([one.decisions / record["values"]["training_s"] for record in records])
+            counts = [f"{one.decisions:,}", f"{speed:,.0f}", str(len(records))]
+        for each in one.tests if records else ():
+            ends = [record["values"]["tests"][each] for record in records]
+            won = [_share(end) for end in ends]
+            low, high = min(won), max(won)
+            if len(ends) == 1:
+                low, high = wilson(ends[0]["won"].count("1"), one.last_rounds)
+            share = f"{100 * np.mean(won):.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+            returned = f"{np.mean([end['return'] for end in ends]):.1f}"
+            rows.append([f"`{one.id.removeprefix('pacman_env/')}`, `{each}`", f"`{name}`", share, returned, *counts])
+    rows.sort(key=lambda row: (row[0], -float(row[2].split()[0])))
+    text = table(("Test rounds", "Player", "Completed, %", "Return", "Decisions", "Decisions/s", "Seeds"), rows)
+    text += f"\nFinished runs: {'; '.join(f'{count} by {stamp}' for stamp, count in stamps.items())}."
+    return f"{text} Not made yet: {', '.join(missing) or 'none'}.\n"
 
 
-def draw(curves: Sequence[Curve], path: Path) -> None:
-    """Draw a diagram for each configuration: a curve for each seed, a horizontal line for each reference policy."""
-    names = list(dict.fromkeys(one["name"] for one in curves))
-    figure = Figure(figsize=(7, 3.5 * len(names)), layout="constrained")
-    for number, name in enumerate(names, 1):
-        axes = figure.add_subplot(len(names), 1, number)
-        for one in (one for one in curves if one["name"] == name):
-            x, y = zip(*((point["decisions"], 100 * point["completed"]) for point in one["points"]), strict=True)
-            axes.plot(x, y, marker=".", label=f"seed {one['seed']}")
-            low, high = 100 * np.array([point["completed_interval"] for point in one["points"]]).T
-            axes.fill_between(x, low, high, alpha=0.15)
-            for rule, reached in one["references"].items():
-                axes.axhline(100 * reached["completed"], color="grey", linestyle="--" if rule == "nearest" else ":")
-        axes.set(title=name, xlabel="decisions", ylabel="rounds completed, %", ylim=(0, 100), xlim=(0, None))
-        axes.legend(fontsize="small")
-    figure.savefig(path, format="png", dpi=120)
+def draw(path: Path) -> None:
+    """Draw a diagram for each learner: a thin curve for each seed, their mean, and lines for built-in policies."""
+    import matplotlib  # here, because scripts/docs imports this module without the extra
+    from matplotlib.figure import Figure
+
+    every = [*made()]
+    learners = [entry for entry in every if entry[1].learner != "built-in"]
+    with matplotlib.rc_context(_STYLE):
+        rows = -(-len(learners) // 3)
+        figure = Figure(figsize=(8.6, 2.3 * rows + 0.7), layout="constrained")
+        grid = figure.subplots(rows, 3, sharey=True, squeeze=False).flat
+        for axes, (name, one, records) in zip(grid, learners, strict=False):
+            axes.set(title=f"{name} ({len(records)} of {one.seeds})", xlim=(0, one.decisions / 1000), ylim=(0, 100))
+            axes.spines[["top", "right"]].set_visible(False)
+            axes.locator_params(nbins=4)
+            for _, other, played in every:
+                if played and other.learner == "built-in" and (other.id, other.tests[0]) == (one.id, one.tests[0]):
+                    colour, style = _LINES[other.policy]
+                    share = 100 * _share(played[0]["values"]["tests"][one.tests[0]])
+                    axes.axhline(share, color=colour, linestyle=style, linewidth=1, label=other.policy)
+            curves = [np.array(record["values"]["points"]).T for record in records]
+            for curve in curves:
+                axes.plot(curve[0] / 1000, 100 * curve[1], color="#2f6fd0", linewidth=0.6, label="a seed")
+            if curves:
+                mean = np.mean(curves, axis=0)
+                axes.plot(mean[0] / 1000, 100 * mean[1], color="#2f6fd0", linewidth=2, label="mean of seeds")
+        shown = {label: line for axes in figure.axes for line in axes.lines if (label := str(line.get_label()))}
+        figure.legend(shown.values(), shown, loc="outside upper center", ncols=7, fontsize=8)
+        figure.supylabel("completed test rounds, %", fontsize=9)
+        figure.supxlabel("decisions, thousands", fontsize=9)
+        figure.savefig(prepare(path), format="svg", metadata={"Date": None})
+
+
+def _short(one: Baseline) -> Baseline:
+    settings = {**one.arguments.get("settings", {}), "time_limit_s": 20.0}
+    small = {"n_steps": 16, "batch_size": 64, "learning_starts": 32}
+    hyper = {key: small.get(key, value) for key, value in one.hyperparameters.items()}
+    changes = {"arguments": {**one.arguments, "settings": settings}, "hyperparameters": hyper}
+    return msgspec.structs.replace(one, **changes, decisions=512, points=2, rounds=4, last_rounds=8)
+
+
+def _run(options: argparse.Namespace) -> None:
+    known = read()
+    names = options.names or [name for name, one in known.items() if one.seeds]
+    chosen = {name: _short(known[name]) if options.quick else known[name] for name in names}
+    seeds = options.seeds or range(max(one.seeds for one in chosen.values()))
+    out = options.out or (ROOT / "results" / "benchmark" if options.quick else RESULTS)
+    every = ((name, one, seed) for seed in seeds for name, one in chosen.items() if options.seeds or seed < one.seeds)
+    jobs = [(out / f"{name}-{seed}.json", one, seed) for name, one, seed in every]
+    apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
+    for _ in apply(run, jobs):
+        pass
+    if out == RESULTS:
+        from tools import reference  # here, because it imports this module
+
+        write_text(PAGE, reference.fill(PAGE.read_text(encoding="utf-8")))
+        draw(IMAGES / "baselines.svg")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.learning_curves", description=__doc__)
+    add_names(parser, "baseline", read())
     add = parser.add_argument
-    add("names", nargs="*", default=["planner/event"], metavar="NAME", help=f"of {FILE.name} (planner/event)")
-    add("--map", metavar="FILE_OR_NAME", help="to learn on, in place of generated")
-    add("--test", metavar="FILE_OR_NAME", help="to play on, in place of generated:test")
-    add("--decisions", type=whole_number(1), metavar="N", help="in place of 200000, or the baseline's")
-    add("--seeds", type=whole_number(0), nargs="+", default=[0], metavar="S", help="of learners (0)")
-    add("--rounds", type=whole_number(1), default=100, metavar="N", help="for each point of a curve (100)")
+    add("--seeds", type=whole_number(0), nargs="+", metavar="S", help="of learners (all of the benchmark)")
     add("--workers", type=whole_number(1), default=1, metavar="N", help="processes, each with a learner (1)")
-    out = Path("results/learning_curves")
-    add("--out", type=Path, default=out, help="name of the .json and the .png (%(default)s)")
-    add("--quick", action="store_true", help="everything in short: 256 decisions, 8 rounds of a minute")
-    return run_command(parser, argv, _report, "train")
-
-
-def _report(options: argparse.Namespace) -> None:
-    if options.quick:
-        options.decisions, options.rounds = 256, 8
-    file, selected = prepare(options.out.with_suffix(".json")), chosen(options)
-    tasks = [(name, one, seed, options.rounds) for name, one in selected.items() for seed in options.seeds]
-    apply: Any = map if options.workers == 1 else ProcessPoolExecutor(options.workers, get_context("spawn")).map
-    curves = list(apply(curve, tasks))
-    write_json(file, {"version": __version__, "configurations": msgspec.to_builtins(selected), "curves": curves})
-    draw(curves, file.with_suffix(".png"))
+    add("--out", type=Path, metavar="FOLDER", help="of the results (docs/benchmark; --quick: results/benchmark)")
+    add("--quick", action="store_true", help="everything in short, to see that it works")
+    return run_command(parser, argv, _run, "train")
 
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from pacman_env.training.arguments import Hyperparameters
 from pacman_env.web.frame import Frame, OptionalFields
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools.common import ROOT, add_check, as_arguments, literal, number, table, update
+from tools.learning_curves import results
 
 _BLOCK = re.compile(r"(<!-- table: ([\w-]+) -->\n).*?(?=<!-- end -->)", re.DOTALL)
 _FIELD = re.compile(r"^    (\w+): .*?  # (.+)$", re.MULTILINE)
@@ -165,7 +166,7 @@ def frame() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     draw.__name__.replace("_", "-"): draw
-    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check, frame, hyperparameters)
+    for draw in (configuration, presets, state, ids, ids_arguments, maps, map_check, frame, hyperparameters, results)
 }
 
 

@@ -21,12 +21,16 @@ POLICIES = ("random", "random_pellet", "nearest", "clyde_aware", "lookahead", "p
 _GAMES = 50  # games in parallel; a generated house needs about 4 MB
 
 
-def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
-    """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught."""
+def play(env_id: str, player: Any, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
+    """Play one episode per seed; return the returns, outcomes, pellets, completed rounds and ghosts caught.
+
+    ``player`` is the name of a policy, or has ``reset`` as policies have, and ``act(envs, observation)``.
+    """
     options: dict[str, Any] = {"vectorization_mode": "vector_entry_point", "autoreset_mode": AutoresetMode.DISABLED}
-    envs: Any = gym.make_vec(env_id, len(seeds), **options).unwrapped
-    _, infos = envs.reset(seed=list(seeds))
-    drives, policy, number = envs.config.action == "velocity", make_policy(name), np.ones(len(seeds), np.int64)
+    envs: Any = gym.make_vec(env_id, len(seeds), **options, **arguments).unwrapped
+    observation, infos = envs.reset(seed=list(seeds))
+    policy: Any = make_policy(player) if isinstance(player, str) else player
+    drives, number = envs.config.action == "velocity", np.ones(len(seeds), np.int64)
     envs.action_space.seed(seeds.start)
     policy.reset(np.ones(len(seeds), dtype=np.bool_), envs.config)
     returns, over, last = np.zeros(len(seeds)), np.zeros(len(seeds), dtype=np.bool_), infos
@@ -34,11 +38,13 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
         if "round" in infos and (infos["round"] != number).any():  # reset the policy for the new round
             policy.reset(infos["round"] != number, envs.config)
             number = infos["round"].copy()
-        if name == POLICIES[0]:
+        if policy is player:
+            action = policy.act(envs, observation)
+        elif player == POLICIES[0]:
             action = envs.action_space.sample(None if drives else tuple(envs.action_masks().astype(np.int8)))
         else:
             action = envs.action_of(policy.select(envs.situation))
-        _, rewards, terminated, truncated, infos = envs.step(action)
+        observation, rewards, terminated, truncated, infos = envs.step(action)
         returns += np.where(over, 0.0, rewards)
         counted = (key for key in ("outcome", "collected", "round", "score", "ghosts_caught") if key in infos)
         last = {key: np.where(over, last[key], infos[key]) for key in counted}
@@ -51,10 +57,15 @@ def play(env_id: str, name: str, seeds: range) -> dict[str, list[Any]]:
     return result | ({"ghosts": last["ghosts_caught"].tolist()} if envs.config.power.pellets > 0 else {})
 
 
+def play_all(env_id: str, player: Any, seeds: range, **arguments: Any) -> dict[str, list[Any]]:
+    """Play in batches, and return the same as :func:`play`."""
+    starts = range(0, len(seeds), _GAMES)
+    parts = [play(env_id, player, seeds[first : first + _GAMES], **arguments) for first in starts]
+    return {name: [value for part in parts for value in part[name]] for name in parts[0]}
+
+
 def score(env_id: str, policy: str, episodes: int) -> dict[str, Any]:
-    starts = range(0, episodes, _GAMES)
-    parts = [play(env_id, policy, range(first, min(first + _GAMES, episodes))) for first in starts]
-    played = {name: [value for part in parts for value in part[name]] for name in parts[0]}
+    played = play_all(env_id, policy, range(episodes))
     numbers: list[str] = [name for name in ("rounds", "pellets", "ghosts", "return") if name in played]
     means = {name: round(float(np.mean(played[name])), 3) for name in numbers}
     error = float(np.std(played["return"], ddof=1) / np.sqrt(episodes))

@@ -42,7 +42,7 @@ REMOVED = {
     "bound": "run docs/examples/bound/bound.py in a checkout (docs/bound.md)",
     "completion": "pacman-env COMMAND --help lists the options of a command",
     "houses": "run python -m tools.houses in a checkout",
-    "learning-curves": "run python -m tools.learning_curves in a checkout (docs/learning_curves.md)",
+    "learning-curves": "run python -m tools.learning_curves in a checkout (docs/benchmark.md)",
     "leaderboard": "run pacman-env compare --suite NAME (docs/evaluation.md)",
     "play": "pacman-env web --open plays a game in the browser (docs/web.md)",
     "report": "run pacman-env compare --html FILE (docs/evaluation.md)",

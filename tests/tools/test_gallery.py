@@ -8,9 +8,7 @@ import pytest
 from PIL import Image as Picture
 
 from pacman_env.render.palette import THEMES, Theme
-from tools import learning
 from tools.common import IMAGES, SUFFIXES
-from tools.figures import store
 from tools.gallery import PICTURES, save_round
 
 #: Mean difference in grey levels of equal pictures: letters of another OpenCV, a robot a little farther on.
@@ -39,8 +37,3 @@ def test_committed_animation_equals_current_round(tmp_path: Path, theme: Theme) 
                 frames.append(np.asarray(film.convert("RGB"), dtype=np.int16))
             assert np.abs(frames[0] - frames[1]).mean() <= TOLERANCE
     assert (IMAGES / name).stat().st_size < 450_000
-
-
-def test_committed_learning_picture_shows_stored_figures() -> None:
-    drawn = learning.draw(store.read()["maskable_ppo"])
-    assert (IMAGES / "learning.svg").read_text(encoding="utf-8") == drawn

@@ -19,7 +19,7 @@ def read() -> dict[str, Any]:
 
 def write(records: dict[str, Any]) -> None:
     """Write the records, with one line for each row of values."""
-    write_text(FIGURES, _text(records, 0) + "\n")
+    write_text(FIGURES, text(records, 0) + "\n")
 
 
 def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:
@@ -36,13 +36,14 @@ def record(command: str, inputs: Iterable[str], values: Any) -> dict[str, Any]:
     }
 
 
-def _text(value: Any, depth: int) -> str:
+def text(value: Any, depth: int) -> str:
+    """Return JSON with one line for each row of values; depth 2 is for values in a row."""
     inner = json.dumps(value, ensure_ascii=False)
     if not value or not isinstance(value, dict | list) or (depth > 1 and len(inner) < 600):
         return inner
     indent, entries = " " * depth, []
     for key, one in value.items() if isinstance(value, dict) else enumerate(value):
         name = f"{json.dumps(key)}: " if isinstance(value, dict) else ""
-        entries.append(f"{indent} {name}{_text(one, depth + 1)}")
+        entries.append(f"{indent} {name}{text(one, depth + 1)}")
     left, right = "{}" if isinstance(value, dict) else "[]"
     return f"{left}\n" + ",\n".join(entries) + f"\n{indent}{right}"
