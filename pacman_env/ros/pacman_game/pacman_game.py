@@ -26,14 +26,13 @@ from pacman_env.ros.nodes.audio_node import AudioNode
 from pacman_env.ros.nodes.game_event_mapper import GameEventMapper
 from pacman_env.ros.nodes.game_light_node import GameLightNode
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.ros.pacman_game.foreign_selector import ForeignSelector
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
-from pacman_env.ros.pacman_game.robot_game import RobotGame, Selector
+from pacman_env.ros.pacman_game.robot_game import RobotGame
 from pacman_env.ros.pacman_game.state_file import StateFile
 from pacman_env.ros.process import run
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
-from pacman_env.ros.selector.goal_selector import GameSide, GoalSelector, declare_home
+from pacman_env.ros.selector.goal_selector import GoalSelector, Report, declare_home
 from pacman_env.ros.selector.navigation_client import LOST_GOALS_S
 from pacman_env.ros.selector.policy_child import Answer
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
@@ -56,7 +55,7 @@ class PacmanGame(ConfiguredNode):
         if self._selects not in SELECTORS:
             raise ValueError(f"parameter selector = {self._selects!r}: must be one of {', '.join(SELECTORS)}")
         seed = parameter(self, "seed", -1, "random seed of the ghosts; -1: a new one at each start", -1, 2**31 - 1)
-        self._home, self._limits = declare_home(self), declare_limits(self)
+        home, limits = declare_home(self), declare_limits(self)
         text = "largest age of a saved game that is resumed, s"
         max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
         self._file = StateFile.of_node(self, "file of the saved game, to resume after a crash", max_age_s)
@@ -65,10 +64,12 @@ class PacmanGame(ConfiguredNode):
         if self._selects == OURS or POLICY in behaviours:
             self._policy = AskedPolicy(self, ask, self._on_answer, self._against_change, self._selects == OURS)
         config = self.config.with_fields(**{"clyde.ghosts": behaviours})
-        self._effective = config
         self.ghosts = GameGhosts(self, config, secrets.randbelow(2**31) if seed < 0 else seed)
         self.ghosts.policy = self._policy
-        self.game = RobotGame(self, config, self.ghosts, self._select, self._save)
+        select: Callable[[Report], GoalSelector] | None = None
+        if self._policy is not None and self._selects == OURS:
+            select = partial(GoalSelector, self, config, self._policy, home=home, limits=limits)
+        self.game = RobotGame(self, config, self.ghosts, select, self._save)
         self._saved = self._load()  # a game to resume at the first tick, when the clock runs
         self._operator = OperatorStop(self, self._on_stop)
         if self._saved is not None and self._saved.get("stopped"):
@@ -90,19 +91,12 @@ class PacmanGame(ConfiguredNode):
             self.game.perform(self.game.referee.announce())
         self.get_logger().info(f"{self.game.referee.spawned} pellets on {self.map.name}, seed {seed}")
 
-    def _select(self, game: GameSide) -> Selector:
-        if self._selects != OURS:
-            return ForeignSelector(self, game, needed=self._selects == ORIGINAL)
-        selector = GoalSelector(self, self._effective, game, self._home, self._limits)
-        selector.policy = self._policy
-        return selector
-
     def _add_selector(self) -> None:
         selector = self.game.selector
-        if isinstance(selector, GoalSelector):
+        if selector is not None:
             topics.CONTINUE.server(self, selector.on_continue)
             selector.activate(True)
-            self.create_timer(self.config.execution.tick_s, self._decide)
+            self.create_timer(self.config.execution.tick_s, partial(self.game.decide, selector))
             self.create_timer(LOST_GOALS_S, selector.nav2.end_without_results)
 
     # The saved game
@@ -145,16 +139,25 @@ class PacmanGame(ConfiguredNode):
     # Requests
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        self.game.selector.stop(stopped, who)
+        if self.game.selector is not None:
+            self.game.selector.stop(stopped, who)
         self._save()  # before other nodes learn that this one obeys
 
     def _start(self) -> list[Action]:
         if self._saved is not None:
             return [Action("ignored", "start: a saved game is about to be resumed")]
-        if self.game.referee.state == "menu" and (reason := self.game.selector.missing):
+        if self.game.referee.state == "menu" and (reason := self._missing()):
             # Otherwise the robot would move as soon as it can, at a time that no person has chosen.
             return [Action("ignored", f"start: {reason}")]
         return self.game.referee.start(self.now_s())
+
+    def _missing(self) -> str:
+        """Return the reason why no round can begin, or ""."""
+        if self.game.selector is not None:
+            return self.game.selector.missing
+        publishers = self.count_publishers(self.resolve_topic_name(topics.GAME_STATUS.name))
+        is_missing = self._selects == ORIGINAL and not publishers
+        return "no goal selector yet: nothing publishes game_status" if is_missing else ""
 
     def _reset(self) -> list[Action]:
         self._saved = None
@@ -170,7 +173,7 @@ class PacmanGame(ConfiguredNode):
 
     def _on_amcl(self, message: Any) -> None:
         self.ghosts.on_robot(message)
-        if isinstance(self.game.selector, GoalSelector):
+        if self.game.selector is not None:
             self.game.selector.pose.on_amcl(message)
 
     def _on_speed(self, message: Any) -> None:
@@ -188,43 +191,30 @@ class PacmanGame(ConfiguredNode):
             self._resume()
         self.game.perform(self.game.referee.tick(self.now_s()))
 
-    def _decide(self) -> None:
-        jump = self._jump
-        self.game.decide()
-        if self._policy is not None:
-            self._policy.asked()
-        if self._jump != jump:
-            self._save()
-
     def _repeat(self) -> None:
         self.game.show_pellets()
         self._save()  # a file without events would soon be too old, and its times wrong
 
-    @property
-    def _jump(self) -> str:
-        selector = self.game.selector
-        return selector.pose.watch.jump if isinstance(selector, GoalSelector) else ""
-
     def _on_answer(self, answer: Answer) -> None:
-        if isinstance(self.game.selector, GoalSelector):
+        if self.game.selector is not None:
             self.game.selector.on_answer(answer)
         self.ghosts.on_answer(answer)
 
     def _condition(self) -> dict[str, Any]:
         selector, referee = self.game.selector, self.game.referee
         condition = {"selector": self._selects, "stopped": self._operator.stopped, "state": referee.state}
-        if isinstance(selector, GoalSelector) and self._policy is not None:
-            condition |= selector_condition(selector, self._policy, self.now_s())
+        if selector is not None:
+            condition |= selector_condition(selector, self.now_s())
         return condition | {"shadow": False}
 
     def last_messages(self) -> Iterable[Any]:
         """Stop robot and lights at the end, and remove the saved game; a game that stood still is saved instead."""
         if self._policy is not None:
             self._policy.close()
-        if self.status == STOOD_STILL:
-            return self.game.selector.close()
-        self._file.remove()
-        return self.game.close()
+        if self.status != STOOD_STILL:
+            self._file.remove()
+            self.game.close()
+        return () if self.game.selector is None else self.game.selector.close()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,7 +1,6 @@
 """The game of a robot: referee, pellets, ghosts and goal selector, which call each other; topics only show it.
 
-There are two kinds of goal selectors: ours, which is called and calls back, and a foreign one, which hears the topics
-and reports on them.
+Our goal selector is called and calls back. A foreign one hears the topics and reports on them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,10 +15,9 @@ from pacman_env.game.round import Action, RoundController
 from pacman_env.levels.assets import map_assets
 from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
-from pacman_env.ros.message_conversion import markers_of
-from pacman_env.ros.pacman_game.foreign_selector import ForeignSelector
+from pacman_env.ros.message_conversion import markers_of, word_of
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
-from pacman_env.ros.selector.goal_selector import GameSide, GoalSelector
+from pacman_env.ros.selector.goal_selector import GoalSelector, Report
 
 _TOPICS = {
     "command": topics.GAME_COMMAND,
@@ -33,19 +31,21 @@ _TOPICS = {
     "clyde_speed": topics.CLYDE_SPEED,
 }
 _WITH_POWER = {"ghosts_caught": topics.GHOSTS_CAUGHT}
-
-Selector = GoalSelector | ForeignSelector
+_REPORTS = {"status": topics.GAME_STATUS, "remove": topics.REMOVE_PELLET}  # of a goal selector
 
 
 class RobotGame:
-    """The game; ``select`` makes the goal selector, and ``save`` is called after each event, before it is shown."""
+    """The game; ``save`` is called after each event, before it is shown.
+
+    ``select`` makes our goal selector; None: a foreign one plays.
+    """
 
     def __init__(
         self,
         node: ConfiguredNode,
         config: Config,
         ghosts: GameGhosts,
-        select: Callable[[GameSide], Selector],
+        select: Callable[[Report], GoalSelector] | None,
         save: Callable[[], None],
     ) -> None:
         self._node, self.ghosts, self._save = node, ghosts, save
@@ -55,30 +55,23 @@ class RobotGame:
         power = assets.pellet_ids[assets.power_pellets(config.power.pellets)[: assets.pellets]]  # only within reach
         self.referee = RoundController(config.clyde, config.show, config.power)
         self.referee.lay_out(self._pellets, power.tolist())
-        published = _TOPICS | (_WITH_POWER if config.power.pellets > 0 else {})
+        published = _TOPICS | (_WITH_POWER if config.power.pellets > 0 else {}) | (_REPORTS if select else {})
         self._out = {kind: topic.publisher(node) for kind, topic in published.items()}
         self._markers = topics.PELLET_MARKERS.publisher(node)
         self._harmless = topics.HARMLESS_GHOSTS.publisher(node) if config.power.pellets > 0 else None
-        self.selector = select(self)
-        reports = (topics.GAME_STATUS, topics.REMOVE_PELLET) if isinstance(self.selector, GoalSelector) else ()
-        self._reports = {topic.name: topic.publisher(node) for topic in reports}
+        self.selector = None if select is None else select(self.report)
+        if self.selector is None:
+            node.listen(topics.GAME_STATUS, lambda message: self.report("status", word_of(message)), "bad status")
+            node.listen(topics.REMOVE_PELLET, lambda message: self.report("remove", message.data), "bad removal")
 
-    # What a goal selector says
-
-    def status(self, word: str) -> None:
-        self._report(topics.GAME_STATUS, word)
-        self.perform(self.referee.status(word, self._node.now_s()))
-
-    def event(self, word: str) -> None:
-        self.perform([Action("event", word)])
-
-    def remove(self, pellet: int) -> None:
-        self._report(topics.REMOVE_PELLET, pellet)
-        self.perform(self.referee.remove(pellet))
-
-    def _report(self, topic: topics.Topic, value: Any) -> None:
-        if topic.name in self._reports:  # otherwise the foreign selector has published it
-            self._reports[topic.name].publish(topic.type(data=value))
+    def report(self, kind: str, value: Any) -> None:
+        """Take a report of the goal selector; others hear it, too."""
+        if kind == "event":
+            self.perform([Action(kind, value)])
+            return
+        if self.selector is not None:  # otherwise the foreign one has published it
+            self._publish(kind, value)
+        self.perform(self.referee.remove(value) if kind == "remove" else self.referee.status(value, self._node.now_s()))
 
     # What the referee does
 
@@ -95,48 +88,58 @@ class RobotGame:
             elif kind == "reset_clyde":
                 self.ghosts.respawn()
             else:
-                out = self._out[kind]
-                out.publish(out.msg_type(data=value))
+                self._publish(kind, value)
                 self._tell(kind, value)
 
+    def _publish(self, kind: str, value: Any) -> None:
+        self._out[kind].publish(self._out[kind].msg_type(data=value))
+
     def _tell(self, kind: str, value: Any) -> None:
-        """Tell the goal selector and the ghosts what concerns them."""
-        if kind == "command":
-            self.selector.on_command(value)
-        elif kind == "state":
+        """Tell the ghosts and our goal selector what concerns them."""
+        if kind == "state":
             self.ghosts.on_state(value)
-            self.selector.on_state(value)
-        elif kind == "round":
-            self.selector.on_round(value)
         elif kind == "clyde_speed":
             self.ghosts.set_speed(value)
-            self.selector.on_clyde_speed(value)
+        ours = self.selector
+        if ours is None:
+            return
+        if kind == "command":
+            ours.on_command(value)
+        elif kind == "state":
+            ours.on_state(value)
+        elif kind == "round":
+            ours.on_round(value)
+        elif kind == "clyde_speed":
+            ours.on_clyde_speed(value)
 
     def show_pellets(self) -> None:
         """Show the remaining pellets, on the map and to those who decide."""
         left = {number: place for number, place in self._pellets.items() if number in self.referee.left}
         power = self.referee.power_pellets
         self._markers.publish(markers_of(left, self._node.get_clock().now().to_msg(), power=power))
-        self.selector.on_pellets(left, power)
+        if self.selector is not None:
+            self.selector.on_pellets(left, power)
         self.ghosts.set_pellets(left, power)
 
     # Time
 
     def move_ghosts(self) -> None:
         self.ghosts.update()
-        self.selector.see_ghosts(self.ghosts.places, self._node.get_clock().now().nanoseconds)
+        if self.selector is not None:
+            self.selector.see_ghosts(self.ghosts.places, self._node.get_clock().now().nanoseconds)
 
-    def decide(self) -> None:
+    def decide(self, selector: GoalSelector) -> None:
         """Let our goal selector decide; the ghosts learn until when they are harmless."""
-        if not isinstance(self.selector, GoalSelector):
-            return
-        self.selector.tick()
+        jump = selector.pose.watch.jump
+        selector.tick()
         if self._harmless is not None:
-            times = self.selector.executor.round.ghosts[: len(self.ghosts.places), HARMLESS_UNTIL:]
+            times = selector.executor.round.ghosts[: len(self.ghosts.places), HARMLESS_UNTIL:]
             if (times != self.ghosts.harmless).any():
                 self.ghosts.set_harmless(times.copy())
                 self._harmless.publish(Float64MultiArray(data=times.ravel().tolist()))
                 self._save()
+        if selector.pose.watch.jump != jump:
+            self._save()
 
     # Crashes
 
@@ -144,7 +147,7 @@ class RobotGame:
         """Return everything that ``restore`` needs, as JSON values."""
         return {
             "referee": self.referee.snapshot(self._node.now_s()),
-            "selector": self.selector.snapshot(),
+            "selector": self.selector.snapshot() if self.selector else {},
             "ghosts": [list(place) for place in self.ghosts.places],
         }
 
@@ -153,14 +156,13 @@ class RobotGame:
         actions = self.referee.restore(saved["referee"], self._node.now_s())
         self.ghosts.restore(saved["ghosts"])
         self.perform(actions)
-        # After the commands, which start the clock of a round.
-        self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
+        if self.selector is not None:  # after the commands, which start the clock of a round
+            self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
         self._save()
         self.show_pellets()
 
-    def close(self) -> tuple[Any, ...]:
-        """End the game: stop the robot, switch lights off, hide the ghosts; return what to wait for."""
+    def close(self) -> None:
+        """End the game: stop the robot, switch lights off, hide the ghosts."""
         for kind, value in (("command", "disable"), ("event", "reset"), ("state", "menu")):
-            self._out[kind].publish(self._out[kind].msg_type(data=value))
+            self._publish(kind, value)
         self.ghosts.hide()
-        return self.selector.close()

@@ -12,7 +12,6 @@ from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.discovery import costmaps_without
 from pacman_env.ros.node import parameter
-from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.goal_scores import as_json, decision_times
 from pacman_env.ros.selector.goal_selector import GoalSelector
 from pacman_env.ros.selector.nav2_failures import error_words
@@ -68,10 +67,10 @@ class Diagnostics:
         self._array.publish(array)
 
 
-def selector_condition(selector: GoalSelector, policy: AskedPolicy, now: float) -> dict[str, Any]:
+def selector_condition(selector: GoalSelector, now: float) -> dict[str, Any]:
     """Return the diagnostics of a goal selector for operators, as plain values."""
     belief, executor, home, nav2 = selector.belief, selector.executor, selector.executor.home, selector.nav2
-    view, sent = selector.view, selector.executor.sent
+    view, sent, policy = selector.view, selector.executor.sent, selector.policy
     ghosts = dict(zip(GHOST_NAMES, view.ghosts, strict=False))
     return {
         "active": executor.active,
@@ -92,7 +91,7 @@ def selector_condition(selector: GoalSelector, policy: AskedPolicy, now: float) 
         "pose_age_s": None if belief is None else belief.age_s,
         **{name: None if name in view.unseen else at for name, at in ghosts.items()},
         "pellets_left": len(executor.round.left),
-        "pellets_unreachable": selector.view.out_of_reach(executor.round.left),
+        "pellets_unreachable": view.out_of_reach(executor.round.left),
         "pellets_unknown": list(selector.unknown_pellets[:20]),
         "pursued": sent.pursued,
         "masked": sorted(executor.round.masked(now)),

@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor
@@ -34,6 +34,9 @@ from pacman_env.ros.selector.shadow import Shadow
 
 STOPPED = "stopped by the operator"
 
+#: Takes a report of a goal selector: a ``status``, a pellet to ``remove`` or an ``event``, and its word or id.
+Report = Callable[[str, int | str], None]
+
 
 def declare_home(node: ConfiguredNode) -> Pose | None:
     """Declare the parameter ``home`` and return the pose x, y, heading (m, m, rad); None if it is not set."""
@@ -48,18 +51,10 @@ def declare_home(node: ConfiguredNode) -> Pose | None:
     return home[0], home[1], home[2]
 
 
-class GameSide(Protocol):
-    """Take a goal selector's reports: by calls in our own game, by topics in a foreign one."""
-
-    def status(self, word: str) -> None: ...
-
-    def event(self, word: str) -> None: ...
-
-    def remove(self, pellet: int) -> None: ...
-
-
 class GoalSelector:
     """One robot's choice of goals; ``navigate`` makes the client of Nav2, or of a shadow.
+
+    ``report`` tells the game what happens: by calls in our own game, by topics in a foreign one.
 
     Without ``home``, the home is the robot's pose when it first leaves the menu, or leaves it after a person has set
     the pose in the menu: AMCL has corrected a clicked pose by then. After a start in the middle of a game, the map's
@@ -70,13 +65,13 @@ class GoalSelector:
         self,
         node: ConfiguredNode,
         config: Config,
-        game: GameSide,
+        policy: AskedPolicy,
+        report: Report,
         home: Pose | None,
         limits: PoseLimits,
         navigate: Callable[..., NavigationClient | Shadow] = NavigationClient,
     ) -> None:
-        self._node, self._config, self._game = node, config, game
-        self.policy: AskedPolicy | None = None  # None: nothing is chosen
+        self._node, self._config, self.policy, self._report = node, config, policy, report
         self.view = RobotView(map_assets(node.map, config, home), config)
         self.view.compile_kernels()
         self.executor = GoalExecutor(config, self.view.goals, None if home is None else home_place(*home))
@@ -144,12 +139,9 @@ class GoalSelector:
         """Stop the robot and cancel the goals of all nodes; allow no goal until the release."""
         self.nav2.forbidden = stopped
         if stopped:
-            self._node.once.begin(STOPPED, f"stopped by {who}: no goal is sent until it is released")
             self.nav2.stop_wheels()
             self.nav2.cancel_all()
-        else:
-            self._node.once.over(STOPPED)
-        self._do(self.executor.hold(STOPPED, stopped, self._node.now_s()))
+        self.hold(STOPPED, f"stopped by {who}: no goal is sent until it is released" if stopped else "")
 
     def on_continue(self, request: Any, response: Any) -> Any:
         """Accept the pose after a jump; callback of the service."""
@@ -250,9 +242,8 @@ class GoalSelector:
         news = seen.left, playing.record.caught
         moment = Moment(now, seen.pursued, news, self.view.nearest_ghost_m(belief.pose[:2]))
         if not self._last.due(moment):
-            choice = self._last.choice
-            self._do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
-        elif self.policy is not None and self.policy.process.ready and self._asked is None:
+            self._pursue_choice(now)
+        elif self.policy.process.ready and self._asked is None:
             shown = self._explanations
             number = self.policy.process.ask(
                 ROBOT, situation, self._begins, shown.scores_are_wanted, shown.why_is_wanted
@@ -274,9 +265,12 @@ class GoalSelector:
             chosen = answer.choice[0]
             allowed = bool(situation.mask[0, chosen])
             self._last.decide(HOLD if chosen == self.view.hold else chosen, moment, allowed)
-            choice = self._last.choice
-            self._do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
+            self._pursue_choice(now)
             self._explanations.publish(answer, situation)
+
+    def _pursue_choice(self, now: float) -> None:
+        choice = self._last.choice
+        self._do(self.executor.choose(None if choice == HOLD else self.view.goal(choice), now))
 
     def _believe(self, now: float) -> Belief | None:
         """Update and return the pose for decisions; None if it is not trusted. The home may follow it."""
@@ -329,12 +323,8 @@ class GoalSelector:
                 self.nav2.cancel(int(action.value))
             elif action.kind == "stop":
                 self.nav2.stop_wheels()
-            elif action.kind == "remove":
-                self._game.remove(int(action.value))
-            elif action.kind == "status":
-                self._game.status(str(action.value))
             else:
-                self._game.event(str(action.value))
+                self._report(action.kind, action.value)
 
 
 def _pose_at(place: Place, start: Position | None) -> Pose:

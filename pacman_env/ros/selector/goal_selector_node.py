@@ -10,45 +10,35 @@ from functools import partial
 from typing import Any
 
 from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
-from std_msgs.msg import Float64MultiArray, Int32, String
+from std_msgs.msg import Float64MultiArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.ros import message_conversion as messages
 from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
-from pacman_env.ros.node import parameter
+from pacman_env.ros.node import BaseNode, parameter
 from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.process import run
 from pacman_env.ros.rclpy_private import destroy_state_machine
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
 from pacman_env.ros.selector.ghost_watch import GhostWatch
-from pacman_env.ros.selector.goal_selector import GoalSelector, declare_home
+from pacman_env.ros.selector.goal_selector import GoalSelector, Report, declare_home
 from pacman_env.ros.selector.navigation_client import LOST_GOALS_S, NavigationClient
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
 from pacman_env.ros.selector.pose_topics import declare_limits
 from pacman_env.ros.selector.reasons import GHOST_LOST
-from pacman_env.ros.selector.shadow import LoggedGame, Shadow
+from pacman_env.ros.selector.shadow import Shadow
 
 NAME = "goal_selector"
 
 
-class PublishedReports:
-    """A foreign game, which hears reports on topics."""
-
-    def __init__(self, node: ConfiguredNode) -> None:
-        self._status, self._event = topics.GAME_STATUS.publisher(node), topics.GAME_EVENT.publisher(node)
-        self._remove = topics.REMOVE_PELLET.publisher(node)
-
-    def status(self, word: str) -> None:
-        self._status.publish(String(data=word))
-
-    def event(self, word: str) -> None:
-        self._event.publish(String(data=word))
-
-    def remove(self, pellet: int) -> None:
-        self._remove.publish(Int32(data=pellet))
+def published_reports(node: BaseNode) -> Report:
+    """Return how a goal selector reports to a foreign game, which hears topics."""
+    kinds = {"status": topics.GAME_STATUS, "event": topics.GAME_EVENT, "remove": topics.REMOVE_PELLET}
+    publishers = {kind: topic.publisher(node) for kind, topic in kinds.items()}
+    return lambda kind, value: publishers[kind].publish(publishers[kind].msg_type(data=value))
 
 
 class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
@@ -60,10 +50,9 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         home, limits = declare_home(self), declare_limits(self)
         autostart = parameter(self, "autostart", True, "activate at the start")
         self._policy = AskedPolicy(self, ask, lambda answer: self.selector.on_answer(answer), self._against_change)
-        game = LoggedGame(self) if self._shadows else PublishedReports(self)
+        report = self._log_report if self._shadows else published_reports(self)
         navigate = Shadow if self._shadows else NavigationClient
-        self.selector = selector = GoalSelector(self, self.config, game, home, limits, navigate)
-        selector.policy = self._policy
+        self.selector = selector = GoalSelector(self, self.config, self._policy, report, home, limits, navigate)
         self._ghosts = GhostWatch()
         self._operator = None if self._shadows else OperatorStop(self, selector.stop)
         self._harmless = None
@@ -90,6 +79,9 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         super().destroy_node()
         destroy_state_machine(self)
 
+    def _log_report(self, kind: str, value: int | str) -> None:
+        self.get_logger().info(f"shadow: {kind} {value}")
+
     def _handlers(self) -> Iterable[tuple[topics.Topic, Callable[[Any], object]]]:
         selector, number_of = self.selector, messages.number_of
         yield topics.GAME_STATE, lambda message: selector.on_state(messages.word_of(message, topics.STATE_WORDS))
@@ -115,7 +107,6 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         playing = self.selector.executor.playing
         self.selector.hold(GHOST_LOST, self._ghosts.lost(self.now_s()) if playing else "")
         self.selector.tick()
-        self._policy.asked()
         if self._harmless is not None:
             ghosts = self.selector.executor.round.ghosts[: len(self.config.clyde.ghosts), HARMLESS_UNTIL:]
             self._harmless.publish(Float64MultiArray(data=ghosts.ravel().tolist()))
@@ -141,7 +132,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
 
     def _condition(self) -> dict[str, Any]:
         stopped = self._operator is not None and self._operator.stopped
-        condition = selector_condition(self.selector, self._policy, self.now_s())
+        condition = selector_condition(self.selector, self.now_s())
         return {"shadow": self._shadows, "stopped": stopped, **condition}
 
     def last_messages(self) -> Iterable[Any]:

@@ -1,4 +1,4 @@
-"""Log what a goal selector would do while another one drives, and send nothing to Nav2 or the game."""
+"""Log what a goal selector would do while another one drives, and send nothing to Nav2."""
 
 from collections.abc import Callable
 from typing import Any
@@ -45,19 +45,3 @@ class Shadow:
 
     def finish(self) -> tuple[Any, ...]:
         return ()
-
-
-class LoggedGame:
-    """The game of a shadow: it logs what it is told."""
-
-    def __init__(self, node: Any) -> None:
-        self._log = node.get_logger().info
-
-    def status(self, word: str) -> None:
-        self._log(f"shadow: status {word}")
-
-    def event(self, word: str) -> None:
-        self._log(f"shadow: event {word}")
-
-    def remove(self, pellet: int) -> None:
-        self._log(f"shadow: remove {pellet}")

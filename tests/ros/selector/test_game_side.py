@@ -4,8 +4,7 @@ import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, ORIGINAL, OURS
-from pacman_env.ros.selector.goal_selector import GameSide
-from pacman_env.ros.selector.goal_selector_node import PublishedReports
+from pacman_env.ros.selector.goal_selector_node import published_reports
 from tests.ros.selector_game import Game, house, pellet
 
 SETTINGS = ["show.start_s=0.2", "show.death_s=0.2", "clyde.speed_mps=0.01"]
@@ -18,18 +17,18 @@ PELLETS = sorted(house().pellet_ids.tolist())
 def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str) -> None:
     nodes = game.session
     game.end_nav2()  # our goal selector sends nothing
-    side: GameSide = PublishedReports(nodes.observer)
+    report = published_reports(nodes.observer)
     nodes.record(*REPORTS, *SHOWN)
     parameters = {"map_yaml": "house", "policy": "nearest", "selector": selector, "settings": SETTINGS}
     node = nodes.start(GAME, **parameters, home=[*pellet(1), 0.0])  # far away
     if selector == OURS:
-        side = node.game
+        report = node.game.report
     game.stand(*game.pose)
     nodes.advance(1.0)
 
     def collect(number: int) -> None:
-        nodes.within(lambda: side.status(f"pellet_collected:{number}"))
-        nodes.within(lambda: side.remove(number))
+        nodes.within(lambda: report("status", f"pellet_collected:{number}"))
+        nodes.within(lambda: report("remove", number))
 
     def state(word: str) -> None:
         nodes.wait_for(lambda: nodes.value(topics.GAME_STATE) == word, 5.0, word)
@@ -37,13 +36,13 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     def begin() -> None:
         nodes.clear()
         assert nodes.call(topics.START_GAME).success
-        nodes.within(lambda: side.status("home_reached"))
+        nodes.within(lambda: report("status", "home_reached"))
         state("running")
         nodes.clear(*REPORTS)
 
     def end(result: str) -> None:
         state("returning_home")
-        nodes.within(lambda: side.status("home_reached"))
+        nodes.within(lambda: report("status", "home_reached"))
         state("menu")
         assert nodes.value(topics.GAME_RESULT) == result
 
@@ -51,10 +50,10 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     for _ in range(2):
         collect(PELLETS[0])
     assert (nodes.value(topics.SCORE), nodes.value(topics.PELLETS_COLLECTED)) == (1, 1), "each pellet counts once"
-    nodes.within(lambda: side.remove(PELLETS[1]))
+    nodes.within(lambda: report("remove", PELLETS[1]))
     assert nodes.value(topics.SCORE) == 1, "a pellet that is only removed does not count"
-    nodes.within(lambda: side.event("clyde killed"))
-    nodes.within(lambda: side.status("death_detected"))
+    nodes.within(lambda: report("event", "clyde killed"))
+    nodes.within(lambda: report("status", "death_detected"))
     state("dying")
     end("Death - Score: 1")
     assert [word for word in nodes.values(topics.GAME_EVENT) if "killed" in word or word == "pellet"] == [
