@@ -5,6 +5,7 @@ asks questions, and ends this process if anything goes wrong or an answer is lat
 """
 
 import contextlib
+import math
 import os
 import resource
 import sys
@@ -18,20 +19,21 @@ import msgspec
 import numpy as np
 
 from pacman_env.config import Config, ConfigError, make_config, parse_settings
+from pacman_env.game.behaviour_belief import CHASES
 from pacman_env.game.ghosts import POLICY
 from pacman_env.levels.assets import map_assets
 from pacman_env.observations.robot_view import RobotView
 from pacman_env.observations.situation import Situation
 from pacman_env.policies.base import Policy, reach
-from pacman_env.policies.policy_calls import PolicyError, choose, reset, scores, what_users_raise
+from pacman_env.policies.policy_calls import PolicyError, choose, name_of, reset, scores, what_users_raise
 from pacman_env.policies.registry import behaviours_of, make_policy
 from pacman_env.ros.end_with_parent import end_with_parent
 from pacman_env.ros.memory import release_memory
-from pacman_env.ros.selector.rehearsal import rehearse
 from pacman_env.sim.ghost_state import choices_of
 from pacman_env.world.maps.occupancy import MapError, load_map
 
 ROBOT = -1  # player; others are numbers of ghosts
+SLOW_S = 1.0  # a slower choice is discarded, because robot and ghosts have moved
 UNUSABLE = (ValueError, TypeError, ModuleNotFoundError, MapError, ConfigError, OSError)
 _MOST_MEMORY = 4 * 2**30  # bytes that a policy may allocate
 
@@ -127,6 +129,28 @@ class Policies:
         if question.why:
             with what_users_raise(type(policy), policy.name):
                 answer.why = _reasons(policy, situation, answer.choice[0], self._config.robot.speed_mps)
+
+
+def rehearse(policy: Policy, view: RobotView, config: Config) -> Policy:
+    """Run the policy, so that everything that it needs is loaded and compiled, and return it.
+
+    Raises ValueError or TypeError if the policy fails, or needs more than ``SLOW_S``. It chooses against a wandering
+    ghost and a chasing ghost, because other code and data predict a chase.
+    """
+    situation, first = view.sample_situation(), np.ones(1, np.bool_)
+    chased = situation.copy()
+    chased.belief[...] = np.eye(chased.belief.shape[-1])[CHASES]
+    reset(policy, first, config)
+    fastest_s = math.inf
+    for seen in (situation, chased, situation):  # the first calls may compile
+        scores(policy, seen)
+        start_s = time.perf_counter()
+        choose(policy, seen)
+        fastest_s = min(fastest_s, time.perf_counter() - start_s)
+    if fastest_s > SLOW_S:
+        raise ValueError(f"policy {name_of(policy)!r}: needs {fastest_s:.1f} s to choose, must be at most {SLOW_S:g} s")
+    reset(policy, first, config)
+    return policy
 
 
 def _reasons(policy: Policy, situation: Situation, chosen: int, robot_mps: float) -> dict[str, Any]:

@@ -5,8 +5,8 @@ No code of a policy runs in the process of the game, so nothing that a policy do
 
 import contextlib
 import math
+import multiprocessing
 import os
-import signal
 import socket
 import struct
 import subprocess
@@ -15,7 +15,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from multiprocessing.connection import Connection
-from typing import Protocol
+from multiprocessing.context import ForkProcess
 
 import msgspec
 import numpy as np
@@ -28,8 +28,7 @@ from pacman_env.observations.situation import Situation
 from pacman_env.ros.heartbeat import WAITING, main_thread
 from pacman_env.ros.memory import release_memory
 from pacman_env.ros.selector import policy_child
-from pacman_env.ros.selector.policy_child import ROBOT, Answer, PolicySetup, Question, encode
-from pacman_env.ros.selector.rehearsal import SLOW_S
+from pacman_env.ros.selector.policy_child import ROBOT, SLOW_S, Answer, PolicySetup, Question, encode
 from pacman_env.sim.ghost_state import MapGhosts
 from pacman_env.world.maps.occupancy import OccupancyMap
 
@@ -40,32 +39,7 @@ _ENDS_S = 0.05  # longest wait for the end of a killed child, or for the rest of
 _ROOM = 100  # cells
 
 
-class Child(Protocol):
-    """A child process: ``poll`` returns its exit status, negative for a signal, or None while it runs."""
-
-    pid: int
-
-    def kill(self) -> None: ...
-
-    def poll(self) -> int | None: ...
-
-
-class _Forked:
-    def __init__(self, pid: int) -> None:
-        self.pid = pid
-        self._status: int | None = None
-
-    def kill(self) -> None:
-        if self._status is None:
-            os.kill(self.pid, signal.SIGKILL)
-
-    def poll(self) -> int | None:
-        if self._status is None:
-            pid, status = os.waitpid(self.pid, os.WNOHANG)
-            self._status = os.waitstatus_to_exitcode(status) if pid else None
-        return self._status
-
-
+Child = ForkProcess | subprocess.Popen[bytes]
 #: Children that were forked before ROS had threads, and wait for their setup.
 _SPARE: list[tuple[Child, Connection]] = []
 _ENDING: list[Child] = []  # killed, but not ended within ``_ENDS_S``; each close reaps them
@@ -77,17 +51,22 @@ def fork_spare() -> None:
         _load_kernels()
     release_memory()  # also spares these objects from garbage collection, which would copy their pages
     ours, theirs = _pipe()
-    pid = os.fork()
-    if pid == 0:
-        ours.close()
-        os.setsid()
-        status = 1
-        try:
-            status = policy_child.serve(Connection(theirs.detach()))
-        finally:
-            os._exit(status)
+    child = multiprocessing.get_context("fork").Process(target=_serve, args=(ours, theirs), daemon=True)
+    child.start()
     theirs.close()
-    _SPARE.append((_Forked(pid), Connection(ours.detach())))
+    _SPARE.append((child, ours))
+
+
+def _serve(ours: Connection, theirs: Connection) -> None:
+    ours.close()
+    os.setsid()
+    multiprocessing.current_process().daemon = False  # a policy may start processes, which a daemon may not
+    sys.exit(policy_child.serve(theirs))
+
+
+def _status(child: Child) -> int | None:
+    """Return the exit status, negative for a signal; None while the child runs."""
+    return child.exitcode if isinstance(child, ForkProcess) else child.poll()
 
 
 def _load_kernels() -> None:
@@ -100,12 +79,12 @@ def _load_kernels() -> None:
     MapGhosts(assets, config, 0).compile_kernels()
 
 
-def _pipe() -> tuple[socket.socket, socket.socket]:
+def _pipe() -> tuple[Connection, Connection]:
     """Return both ends, of which reads and writes of the first do not block for long."""
     ours, theirs = socket.socketpair()
     for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
         ours.setsockopt(socket.SOL_SOCKET, option, struct.pack("ll", 0, int(_ENDS_S * 1e6)))
-    return ours, theirs
+    return Connection(ours.detach()), Connection(theirs.detach())
 
 
 def _started() -> tuple[Child, Connection]:
@@ -113,7 +92,7 @@ def _started() -> tuple[Child, Connection]:
     command = [sys.executable, "-m", policy_child.__name__, str(theirs.fileno())]
     process = subprocess.Popen(command, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL, start_new_session=True)
     theirs.close()
-    return process, Connection(ours.detach())
+    return process, ours
 
 
 class PolicyProcess:
@@ -137,6 +116,7 @@ class PolicyProcess:
         self._start()
 
     def _start(self) -> None:
+        self.process: Child
         self.process, self._pipe = _SPARE.pop() if _SPARE else _started()
         self.ready, self._due_s = False, math.inf
         self._open.append((time.monotonic(), 0.0))  # the answer says that it is ready
@@ -163,7 +143,7 @@ class PolicyProcess:
         """Send a question and return its number, only if ``ready``; ``poll`` returns the answers in order."""
         arrays = [np.ascontiguousarray(array).tobytes() for array in situation.arrays()]
         self._number += 1
-        self._open.append((time.monotonic(), main_thread(self.process.pid)[1]))
+        self._open.append((time.monotonic(), main_thread(self.process.pid or 0)[1]))
         with contextlib.suppress(OSError):  # ``poll`` notices that the child has ended
             self._pipe.send_bytes(encode(Question(self._number, player, begins, arrays, scores, why)))
         return self._number
@@ -204,7 +184,7 @@ class PolicyProcess:
         asked_s, busy_before_s = self._open[0]
         if time.monotonic() - asked_s <= limit_s:
             return False
-        state, busy_s = main_thread(self.process.pid)
+        state, busy_s = main_thread(self.process.pid or 0)
         return state not in WAITING or busy_s - busy_before_s > limit_s
 
     def _receive(self) -> Answer:
@@ -219,7 +199,7 @@ class PolicyProcess:
     def _await_end(self) -> int | None:
         """Return the exit status; None if the child does not end soon, such as while it waits for a device."""
         end_s = time.monotonic() + _ENDS_S
-        while (status := self.process.poll()) is None and time.monotonic() < end_s:
+        while (status := _status(self.process)) is None and time.monotonic() < end_s:
             time.sleep(0.001)
         return status
 
@@ -246,7 +226,7 @@ class PolicyProcess:
         self._open.clear()
         self.ready, self._due_s = False, math.inf
         self.process.kill()
-        _ENDING[:] = [child for child in _ENDING if child.poll() is None]
+        _ENDING[:] = [child for child in _ENDING if _status(child) is None]
         if self._await_end() is None:
             _ENDING.append(self.process)
         self._pipe.close()

@@ -13,7 +13,7 @@ from pacman_env.levels.level import COARSE_MAP
 from pacman_env.observations.robot_view import RobotView
 from pacman_env.observations.situation import maps_of
 from pacman_env.policies.registry import make_policy
-from pacman_env.ros.selector.rehearsal import rehearse
+from pacman_env.ros.selector.policy_child import rehearse
 
 
 def test_rehearsal_prepares_map_that_predicts_chase() -> None:
@@ -36,7 +36,7 @@ def test_policy_that_is_always_slow_is_refused(monkeypatch: pytest.MonkeyPatch) 
     config = make_config("robot")
     view, policy = RobotView(map_assets("house", config), config), make_policy("nearest")
     clock = SimpleNamespace(perf_counter=ticking(60.0, 0.5))
-    monkeypatch.setattr("pacman_env.ros.selector.rehearsal.time", clock)
+    monkeypatch.setattr("pacman_env.ros.selector.policy_child.time", clock)
     assert rehearse(policy, view, config) is policy
     clock.perf_counter = ticking(60.0, 3.0)
     with pytest.raises(ValueError, match="nearest"):
