@@ -5,6 +5,7 @@ selector is part of ``pacman_game``; as a shadow this node then shows what anoth
 """
 
 import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
@@ -13,6 +14,7 @@ from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
 from std_msgs.msg import Float64MultiArray
 
 from pacman_env.config import MAX_SPEED_MPS
+from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.power import HARMLESS_UNTIL
 from pacman_env.ros import message_conversion as messages
 from pacman_env.ros import topics
@@ -23,15 +25,15 @@ from pacman_env.ros.process import run
 from pacman_env.ros.rclpy_private import destroy_state_machine
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
-from pacman_env.ros.selector.ghost_watch import GhostWatch
 from pacman_env.ros.selector.goal_selector import GoalSelector, Report, declare_home
 from pacman_env.ros.selector.navigation_client import LOST_GOALS_S, NavigationClient
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
 from pacman_env.ros.selector.pose_topics import declare_limits
-from pacman_env.ros.selector.reasons import GHOST_LOST
+from pacman_env.ros.selector.reasons import GHOST_LOST, SILENT_S
 from pacman_env.ros.selector.shadow import Shadow
 
 NAME = "goal_selector"
+_WALL_S = 0.5  # shortest wall time without a ghost that counts, because the game's clock may run fast on a busy machine
 
 
 def published_reports(node: BaseNode) -> Report:
@@ -53,7 +55,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         report = self._log_report if self._shadows else published_reports(self)
         navigate = Shadow if self._shadows else NavigationClient
         self.selector = selector = GoalSelector(self, self.config, self._policy, report, home, limits, navigate)
-        self._ghosts = GhostWatch()
+        self._seen_s: dict[int, tuple[float, float]] = {}  # by ghost: game time and wall time when it was last seen
         self._operator = None if self._shadows else OperatorStop(self, selector.stop)
         self._harmless = None
         if self.config.power.pellets > 0 and not self._shadows:
@@ -100,16 +102,26 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
 
     def _on_ghost(self, number: int, message: Any) -> None:
         (x, y, _), now = messages.pose_of(message), self.now_s()
-        self._ghosts.see(number, now)
+        self._seen_s[number] = now, time.monotonic()
         self.selector.view.see_ghost(number, x, y, messages.nanoseconds_of(message.header.stamp) or int(now * 1e9))
 
     def _tick(self) -> None:
-        playing = self.selector.executor.playing
-        self.selector.hold(GHOST_LOST, self._ghosts.lost(self.now_s()) if playing else "")
+        self.selector.hold(GHOST_LOST, self._lost_ghost() if self.selector.executor.playing else "")
         self.selector.tick()
         if self._harmless is not None:
             ghosts = self.selector.executor.round.ghosts[: len(self.config.clyde.ghosts), HARMLESS_UNTIL:]
             self._harmless.publish(Float64MultiArray(data=ghosts.ravel().tolist()))
+
+    def _lost_ghost(self) -> str:
+        """Describe the ghost that was not seen for the longest time; empty if no ghost is lost.
+
+        A round must not continue if the node of the ghosts is dead.
+        """
+        now = self.now_s()
+        for number, (seen_s, wall_s) in sorted(self._seen_s.items(), key=lambda pair: pair[1]):
+            if now - seen_s > SILENT_S and time.monotonic() - wall_s > _WALL_S:
+                return f"{GHOST_NAMES[number]} was not seen for {now - seen_s:.0f} s; the robot holds"
+        return ""
 
     def on_activate(self, state: Any) -> TransitionCallbackReturn:
         self.selector.activate(True)
