@@ -23,10 +23,9 @@ from pacman_env.ros.game_nodes import GAME, LISTENERS, NAV2, OURS, PAGE, SHADOW,
 from pacman_env.ros.memory import release_memory
 from pacman_env.ros.process import StopSignals
 from pacman_env.ros.supervisor import nav2
-from pacman_env.ros.supervisor.console import Console
+from pacman_env.ros.supervisor.console import Console, RoundRequests
 from pacman_env.ros.supervisor.game_lock import GameLock
 from pacman_env.ros.supervisor.processes import Lost, ProcessGroup
-from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter, keyboard
 from pacman_env.world.maps.occupancy import load_map

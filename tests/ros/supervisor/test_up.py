@@ -17,10 +17,10 @@ from pacman_env.files import install_command
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, LISTENERS, SIMULATOR, GameSetup
 from pacman_env.ros.process import StopSignals
-from pacman_env.ros.supervisor import rounds as rounds_module
+from pacman_env.ros.supervisor import console
 from pacman_env.ros.supervisor import up as up_module
+from pacman_env.ros.supervisor.console import RoundRequests
 from pacman_env.ros.supervisor.game_lock import GameLock
-from pacman_env.ros.supervisor.rounds import RoundRequests
 from pacman_env.ros.supervisor.status_line import StatusLine
 from pacman_env.ros.supervisor.terminal import LineWriter
 from pacman_env.ros.supervisor.up import NODE_LOST, UpOptions
@@ -64,12 +64,6 @@ def test_lost_node_ends_game_with_reason(system: Any, broken_game: list[str]) ->
     system.processes.clear()
 
 
-@pytest.fixture
-def own_locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No other test's game holds a lock."""
-    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-
-
 class EndsOther(LineWriter):
     """Ends another game as soon as it is said to be waited for."""
 
@@ -83,7 +77,6 @@ class EndsOther(LineWriter):
         self.shown = line(False)
 
 
-@pytest.mark.usefixtures("own_locks")
 def test_ending_game_is_waited_for(domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(up_module, "GOING_S", PATIENCE_S)
     setup, stop = GameSetup("house", sim=True), StopSignals()
@@ -221,7 +214,7 @@ def test_rounds_repeat_start_until_it_is_answered(
     calls: int,
     said: str,
 ) -> None:
-    monkeypatch.setattr(rounds_module, "ANSWER_S", 0.0)
+    monkeypatch.setattr(console, "ANSWER_S", 0.0)
     called, call = answers(*answered)
     out = io.StringIO()
     there = SimpleNamespace(state="menu", ready=ready, call=call)
