@@ -27,7 +27,7 @@ from pacman_env.ros.bags.record import RECORDED
 from pacman_env.ros.game_nodes import GAME, MODULES, ORIGINAL, SELECTOR
 from pacman_env.ros.node import BAD_START, BaseNode
 from pacman_env.ros.nodes.wait_for_amcl_pose import FOUND, NOT_FOUND
-from pacman_env.ros.standstill import STOOD_STILL
+from pacman_env.ros.process import STOOD_STILL
 from pacman_env.ros.supervisor import doctor, operator, up
 from pacman_env.ros.supervisor.checks import CHECKS
 from pacman_env.ros.topics import LATCHED, PROCESSES, RECEIVED_LATCHED

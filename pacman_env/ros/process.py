@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 import signal
 import sys
 import time
@@ -21,11 +23,14 @@ from .discovery import avoid_shared_memory, provide_log_folder, simulated, stay_
 from .heartbeat import HEART, LONG_S
 from .memory import release_memory
 from .node import BAD_START, BaseNode
-from .standstill import STOOD_STILL, idle_s, lease_s
 
 LAST_MESSAGES_S = 2.0  # longest wait for answers and acknowledgements of last messages, together
 TEARDOWN_S = 5  # longest end of ROS; many participants that leave together can hang in Fast DDS
 POLL_S = 0.2  # longest delay until a signal is noticed
+LEASE = "PACMAN_ENV_LEASE_S"  # environment variable
+DEFAULT_LEASE_S = 20.0  # Fast DDS's leaseDuration
+STOOD_STILL = 75  # exit status: EX_TEMPFAIL of sysexits.h
+_CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # CLOCK_BOOTTIME also counts sleep
 
 
 class StopSignals:
@@ -144,3 +149,24 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
         for publisher in (publisher for node in nodes for publisher in node.publishers):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, end - time.monotonic())))
         executor.shutdown()
+
+
+def lease_s() -> float:
+    """Return the time of silence, s, after which other nodes drop a node (the middleware profile's lease).
+
+    A process that stood still for longer, such as on a sleeping laptop, must restart: Fast DDS discovers such a
+    participant again, but not always its endpoints (its issues 155, 457).
+    """
+    text = os.environ.get(LEASE, "")
+    try:
+        seconds = float(text) if text else DEFAULT_LEASE_S
+    except ValueError:
+        seconds = math.nan
+    if not seconds > 0:
+        raise ValueError(f"{LEASE}={text!r}: must be a number of seconds above 0")
+    return seconds
+
+
+def idle_s() -> float:
+    """Return a clock, s, that counts the machine's sleep but not the work of this process."""
+    return time.clock_gettime(_CLOCK) - time.process_time()

@@ -18,8 +18,7 @@ from pacman_env.config import make_config, parse_settings
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, SELECTOR
 from pacman_env.ros.node import BaseNode, Once
-from pacman_env.ros.process import event_executor
-from pacman_env.ros.standstill import LEASE, STOOD_STILL
+from pacman_env.ros.process import LEASE, STOOD_STILL, event_executor
 from tests.ros.session import Session
 from tests.ros.system import Probe, Process, System
 

@@ -29,7 +29,7 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
 from pacman_env.ros.pacman_game.robot_game import RobotGame
 from pacman_env.ros.pacman_game.state_file import StateFile
-from pacman_env.ros.process import run
+from pacman_env.ros.process import STOOD_STILL, run
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
 from pacman_env.ros.selector.goal_selector import GoalSelector, Report, declare_home
@@ -37,7 +37,6 @@ from pacman_env.ros.selector.navigation_client import LOST_GOALS_S
 from pacman_env.ros.selector.policy_child import Answer
 from pacman_env.ros.selector.policy_process import PolicyProcess, fork_spare
 from pacman_env.ros.selector.pose_topics import declare_limits
-from pacman_env.ros.standstill import STOOD_STILL
 
 NAME = "pacman_game"
 _TICK_S = 0.05  # of the referee
