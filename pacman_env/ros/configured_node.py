@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from pacman_env.config import EXECUTIONS, Config, differences, make_config, parse_settings, preset_names
 from pacman_env.world.maps.occupancy import OccupancyMap, load_map
 
-from .message_conversion import LONGEST_JSON, BadMessage, started
+from .message_conversion import configuration_of, started
 from .node import BaseNode, parameter
 from .topics import CONFIGURATION
 
@@ -65,19 +65,13 @@ class ConfiguredNode(BaseNode):
 
         A node's difference is logged once, and again only if the two configurations were equal in between.
         """
-        own = self._plays
-        try:
-            other = json.loads(message.data[:LONGEST_JSON])
-            node, map, configuration = str(other["node"])[:100], other["map"], dict(other["configuration"])
-            rival = node == own["node"] and own["acts"] and bool(other.get("acts"))
-            came_first = rival and started(other) < started(own)
-        except (ValueError, TypeError, LookupError, RecursionError):
-            raise BadMessage("not the configuration of a node of this game") from None
-        if came_first:
+        own, other = self._plays, configuration_of(message)
+        node, map = other["node"], other["map"]
+        if node == own["node"] and own["acts"] and other["acts"] and started(other) < started(own):
             place = self.get_namespace()
             self.refuse(f"another {node} plays in {place} already: {process_words(other)}")
             return
-        fields_differ = differences(configuration, own["configuration"])
+        fields_differ = differences(other["configuration"], own["configuration"])
         if map != own["map"] and None not in (map, own["map"]):
             fields_differ["map"] = map, own["map"]
         trouble = f"configuration of {node}"

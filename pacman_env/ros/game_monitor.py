@@ -21,7 +21,7 @@ _LONGEST_REPORT = 10_000  # characters
 _MOST = 10**9
 _MOST_PROCESSES = 100
 
-Configuration = Mapping[str, Any]  # see ``configuration_of``
+Configuration = Mapping[str, Any]  # see ``message_conversion.configuration_of``
 #: Configurations by the node's name and the start, machine and number of its process.
 Processes = dict[tuple[str, tuple[float, str, int]], Configuration]
 
@@ -33,23 +33,6 @@ class Stamped(NamedTuple):
 
 def stamped_pose_of(message: Any) -> Stamped:
     return Stamped(messages.pose_of(message), messages.nanoseconds_of(message.header.stamp))
-
-
-def configuration_of(message: Any) -> Configuration:
-    """Return the configuration of a node with its name, its process, and the hashes of its configuration and map."""
-    content = messages.process_of(message)
-    try:
-        return {
-            "node": str(content["node"])[:100],
-            "acts": bool(content.get("acts")),
-            "started": content["started"],
-            "map": None if content["map"] is None else str(content["map"])[:100],
-            "hash": str(content["hash"])[:100],
-            "rules": content.get("rules"),
-            "configuration": dict(content["configuration"]),
-        }
-    except (ValueError, TypeError, LookupError):
-        raise BadMessage("not the configuration of a node of this game") from None
 
 
 def add_process(processes: Processes, configuration: Configuration) -> Processes:
@@ -95,7 +78,7 @@ MONITORED = {
     "clyde_speed_mps": Monitored(topics.CLYDE_SPEED, lambda message: messages.number_of(message, 0.0, MAX_SPEED_MPS)),
     "condition": Monitored(topics.DIAGNOSTICS, messages.object_of),
     "started": Monitored(topics.PROCESSES, processes_of),
-    "configuration": Monitored(topics.CONFIGURATION, configuration_of),
+    "configuration": Monitored(topics.CONFIGURATION, messages.configuration_of),
     "pellets": Monitored(topics.PELLET_MARKERS, messages.pellets_of),
     "pose": Monitored(topics.AMCL_POSE, stamped_pose_of),
 }

@@ -266,6 +266,23 @@ def process_of(message: Any) -> dict[str, Any]:
         raise BadMessage("no process is described") from None
 
 
+def configuration_of(message: Any) -> dict[str, Any]:
+    """Return the configuration of a node with its name, its process, and the hashes of its configuration and map."""
+    content = process_of(message)
+    try:
+        return {
+            "node": str(content["node"])[:100],
+            "acts": bool(content.get("acts")),
+            "started": content["started"],
+            "map": None if content["map"] is None else str(content["map"])[:100],
+            "hash": str(content["hash"])[:100],
+            "rules": content.get("rules"),
+            "configuration": dict(content["configuration"]),
+        }
+    except (ValueError, TypeError, LookupError):
+        raise BadMessage("not the configuration of a node of this game") from None
+
+
 def started(plays: Mapping[str, Any]) -> tuple[float, str, int]:
     """Return start (s since 1970), machine and number of a process; sorting the tuples sorts by start."""
     started_s, host, number = plays["started"]

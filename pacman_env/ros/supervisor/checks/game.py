@@ -11,8 +11,9 @@ from pacman_env.config import differences
 
 from ... import topics
 from ...discovery import COSTMAPS
-from ...game_monitor import MONITORED, Processes, add_process, configuration_of
+from ...game_monitor import MONITORED, Processes, add_process
 from ...game_nodes import GAME, LISTENERS, ORIGINAL_SELECTOR, ORIGINALS, OURS, SELECTOR, SIMULATOR, needed_nodes
+from ...message_conversion import configuration_of
 from ...selector.reasons import NO_ODOMETRY, POSE_JUMPED, REMEDIES, SILENCE, SILENT_S, troubles_of
 from .check import (
     RESTART_GAME,
