@@ -25,6 +25,7 @@ PELLETS = "pellets"  # namespace of markers
 POWER_PELLETS = "power_pellets"  # namespace of markers that the original's nodes ignore
 GHOSTS = "ghosts"
 PELLET_DIAMETER_M, POWER_PELLET_DIAMETER_M = 0.12, 0.24
+RVIZ_VARIANCES = (0.25, 0.25, 0.0685)  # x (m2), y (m2), heading (rad2) in RViz's "2D Pose Estimate"
 
 Pose = tuple[float, float, float]
 Position = tuple[float, float]
@@ -186,7 +187,9 @@ def pose_message(x: float, y: float, theta: float, stamp: Any, frame: str | None
     return message
 
 
-def uncertain_pose_message(x: float, y: float, theta: float, stamp: Any, variances: Sequence[float]) -> Any:
+def uncertain_pose_message(
+    x: float, y: float, theta: float, stamp: Any, variances: Sequence[float] = RVIZ_VARIANCES
+) -> Any:
     """Create a PoseWithCovarianceStamped in the map frame; ``variances`` of x, y (m2) and heading (rad2)."""
     message = PoseWithCovarianceStamped(header=Header(stamp=stamp, frame_id=FRAMES.map))
     _set_pose(message.pose.pose, x, y, theta)

@@ -8,13 +8,11 @@ from collections.abc import Callable, Collection
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from std_msgs.msg import Header
-
 from pacman_env.config import make_config
 from pacman_env.levels.assets import MapAssets, map_assets
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
-from pacman_env.ros.message_conversion import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message, uncertain_pose_message
 from tests.ros import scripted_nav2
 from tests.ros.scripted_nav2 import Goal, ScriptedNav2
 
@@ -99,10 +97,7 @@ class Game:
         self.session.publish(topic, message)
 
     def stand(self, x: float, y: float, heading: float = 0.0) -> None:
-        stamp = self.session.stamp()
-        message = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
-        message.pose.pose = pose_message(x, y, heading, stamp).pose
-        self.say(topics.AMCL_POSE, message)
+        self.say(topics.AMCL_POSE, uncertain_pose_message(x, y, heading, self.session.stamp()))
 
     def clyde(self, x: float, y: float) -> None:
         """Publish Clyde's pose from now on."""

@@ -21,7 +21,7 @@ from pacman_env.policies.registry import policy_names
 from pacman_env.ros import topics
 from pacman_env.ros.discovery import join
 from pacman_env.ros.game_nodes import GAME, full_namespace
-from pacman_env.ros.message_conversion import pose_message
+from pacman_env.ros.message_conversion import pose_message, uncertain_pose_message
 from pacman_env.ros.observer import own_context
 from pacman_env.ros.operator_page.page_node import PageNode
 from pacman_env.ros.operator_page.ros_driving import PERIOD_S, RosDriving
@@ -136,7 +136,8 @@ class RosGame:
             case page_messages.PlaceClyde(x=x, y=y, ghost=ghost):
                 self._place(x, y, ghost)
             case page_messages.SetPose(x=x, y=y, heading=heading):
-                self._set_pose(x, y, heading)
+                stamp = self.node.get_clock().now().to_msg()
+                self._out[topics.INITIAL_POSE.name].publish(uncertain_pose_message(x, y, heading, stamp))
             case page_messages.Continue():
                 self._trigger(topics.CONTINUE)
             case page_messages.Role(role=role):
@@ -175,15 +176,6 @@ class RosGame:
         answer = self._call(service, service.type.Request())
         if not answer.success:
             raise Refused(str(answer.message))
-
-    def _set_pose(self, x: float, y: float, heading: float) -> None:
-        """Publish a pose (m, m, rad) with a covariance, like RViz's 2D Pose Estimate."""
-        message = topics.INITIAL_POSE.type()
-        stamped = pose_message(x, y, heading, self.node.get_clock().now().to_msg())
-        message.header, message.pose.pose = stamped.header, stamped.pose
-        message.pose.covariance[0] = message.pose.covariance[7] = 0.25
-        message.pose.covariance[35] = (math.pi / 12) ** 2
-        self._out[topics.INITIAL_POSE.name].publish(message)
 
     def _call(self, service: topics.Service, request: Any) -> Any:
         client = self._services[service.name]

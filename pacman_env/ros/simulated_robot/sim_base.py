@@ -25,7 +25,6 @@ CAPACITY_AH, FULL_V, EMPTY_V = 2.046, 16.474, 13.2
 STANDING, DRIVING, CHARGING = (-5.634e-5, -0.404), (-8.875e-5, -0.526), (1.2658e-4, 0.9)
 #: Zones of the bumper from left to right (Create 3's simulator).
 ZONES = ("bump_left", "bump_front_left", "bump_front_center", "bump_front_right", "bump_right")
-RVIZ_VARIANCE = (0.25, 0.25, 0.0685)  # x (m2), y (m2), heading (rad2) in RViz's "2D Pose Estimate"
 _SLOW = 0.005  # m/s and rad/s; a slower base stands
 _STATUS_S = 1.0  # between messages of the battery, and of the dock
 _BACK_MPS = -0.01  # a faster command backwards triggers the base's backup limit
@@ -174,7 +173,7 @@ class InitialPose:
             self._known = False  # a restarted AMCL has no pose
         elif not self._known and self._robot.time_s - self._given_s >= _STATUS_S - 1e-6:
             self._given_s = self._robot.time_s
-            self._out.publish(uncertain_pose_message(*self._robot.pose, stamp, RVIZ_VARIANCE))
+            self._out.publish(uncertain_pose_message(*self._robot.pose, stamp))
 
 
 def zone_of(angle: float) -> str:

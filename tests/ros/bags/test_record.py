@@ -14,6 +14,7 @@ from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from pacman_env.ros import topics
 from pacman_env.ros.bags.bag import open_bag
 from pacman_env.ros.bags.record import RECORDED, record
+from pacman_env.ros.message_conversion import uncertain_pose_message
 from tests.ros.bags.recorded import STORE, messages_of, refusal
 from tests.ros.system import Probe, Process, System
 
@@ -33,16 +34,13 @@ def bag(domain: int, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("games") / "first"
     with System(tmp_path_factory.mktemp("system")) as system, Probe(system) as probe:
         recorder = start_recording(system, probe, out)
-        pose = topics.AMCL_POSE.type()
-        pose.header.frame_id, pose.pose.pose.position.x = "map", 1.25
-        pose.pose.pose.orientation.w = 1.0
         probe.publish(topics.GAME_STATE, "running")
         for word in WORDS:
             probe.publish(topics.GAME_COMMAND, word)
         probe.publish(topics.SCORE, 3)
         unfinished = out.with_name("first.unfinished") / "first" / "first.mcap"
         probe.wait_for(lambda: len(messages_of(unfinished)) == 5, what="everything is on the disk")
-        probe.publish(topics.AMCL_POSE, pose)
+        probe.publish(topics.AMCL_POSE, uncertain_pose_message(1.25, 0.0, 0.0, probe.stamp()))
         acked = partial(probe.publisher(topics.AMCL_POSE).wait_for_all_acked, Duration(seconds=0.2))
         probe.wait_for(acked, what="the pose has arrived")  # it may wait in the recorder
         assert not out.exists()  # only when it is whole

@@ -3,10 +3,9 @@ from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
-from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import BadMessage, pose_message, transform_message
+from pacman_env.ros.message_conversion import BadMessage, transform_message, uncertain_pose_message
 from pacman_env.ros.selector.robot_pose import BelievedPose
 
 
@@ -20,8 +19,8 @@ def tf(*links: tuple[str, str, tuple[float, float, float]], at: float = 0.0) -> 
 
 
 def amcl(x: float, y: float, heading: float, at: float, frame: str = "map") -> Any:
-    message = topics.AMCL_POSE.type(header=Header(stamp=stamp(at), frame_id=frame))
-    message.pose.pose = pose_message(x, y, heading, stamp(at)).pose
+    message = uncertain_pose_message(x, y, heading, stamp(at))
+    message.header.frame_id = frame
     return message
 
 

@@ -11,12 +11,11 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
-from std_msgs.msg import Header
 
 from pacman_env.cli import main as cli
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR
-from pacman_env.ros.message_conversion import pose_message, seconds_of
+from pacman_env.ros.message_conversion import seconds_of, uncertain_pose_message
 from pacman_env.ros.selector import goal_selector_node
 from pacman_env.ros.selector.goal_selector_node import GoalSelectorNode
 from tests.ros.direct_policy import DirectPolicy
@@ -194,9 +193,7 @@ def test_home_is_where_robot_leaves_menu(game: Game) -> None:
         return game.condition(lambda c: c["home"], "home")["home"]  # type: ignore[no-any-return]
 
     def click(x: float, y: float) -> None:
-        message = topics.INITIAL_POSE.type(header=Header(stamp=game.session.stamp(), frame_id="map"))
-        message.pose.pose = pose_message(x, y, 0.0, game.session.stamp()).pose
-        game.say(topics.INITIAL_POSE, message)
+        game.say(topics.INITIAL_POSE, uncertain_pose_message(x, y, 0.0, game.session.stamp()))
 
     def play() -> None:
         for state in ("returning_home", "starting", "running", "returning_home", "menu"):

@@ -5,11 +5,10 @@ from __future__ import annotations
 import signal
 
 import pytest
-from std_msgs.msg import Header
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import SELECTOR, module_of
-from pacman_env.ros.message_conversion import markers_of, pose_message
+from pacman_env.ros.message_conversion import markers_of, pose_message, uncertain_pose_message
 from tests.ros.scripted_nav2 import ScriptedNav2
 from tests.ros.selector_game import FAR_AWAY, Game, house, pellet
 from tests.ros.system import Probe, System
@@ -100,11 +99,9 @@ def test_fault_13_signal_stops_robot_before_process_ends(probe: Probe, system: S
     process = system.start(NODE, policy="nearest", map_yaml="house", diagnostics_rate=10.0)
     probe.wait_for(lambda: probe.messages(topics.DIAGNOSTICS), what="the goal selector")
     stamp = probe.stamp()
-    pose = topics.AMCL_POSE.type(header=Header(stamp=stamp, frame_id="map"))
-    pose.pose.pose = pose_message(0.0, 0.0, 0.0, stamp).pose
     left = {int(n): pellet(slot) for slot, n in enumerate(house().pellet_ids)}
     for topic, message in (
-        (topics.AMCL_POSE, pose),
+        (topics.AMCL_POSE, uncertain_pose_message(0.0, 0.0, 0.0, stamp)),
         (topics.CLYDE_POSE, pose_message(*FAR_AWAY, 0.0, stamp)),
         (topics.PELLET_MARKERS, markers_of(left, stamp)),
         (topics.GAME_STATE, "running"),

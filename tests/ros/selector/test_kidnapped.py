@@ -8,7 +8,7 @@ import pytest
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME
-from pacman_env.ros.message_conversion import pose_message
+from pacman_env.ros.message_conversion import pose_message, uncertain_pose_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.played_round import Played
@@ -28,11 +28,8 @@ def carry(played: Played) -> None:
 
 def give(played: Played) -> None:
     """A person sets the pose to where localization has it already."""
-    x, y, heading = played.nodes.node("sim_robot").robot.pose
-    message = topics.INITIAL_POSE.type()
-    stamped = pose_message(x, y, heading, played.nodes.stamp())
-    message.header, message.pose.pose = stamped.header, stamped.pose
-    played.nodes.publish(topics.INITIAL_POSE, message)
+    pose = played.nodes.node("sim_robot").robot.pose
+    played.nodes.publish(topics.INITIAL_POSE, uncertain_pose_message(*pose, played.nodes.stamp()))
 
 
 def test_carried_robot_stands_until_person_answers(played: Played) -> None:

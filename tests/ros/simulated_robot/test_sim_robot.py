@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Twist
 from irobot_create_msgs.msg import AudioNote, AudioNoteVector, LedColor, LightringLeds
-from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import cloud_message, pose_of, seconds_of, twist_message
+from pacman_env.ros.message_conversion import (
+    cloud_message,
+    pose_of,
+    seconds_of,
+    twist_message,
+    uncertain_pose_message,
+)
 from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
 from pacman_env.sim import navigate_to_pose as nav
 from tests.ros.simulated_robot.driven import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot
@@ -104,8 +109,8 @@ def test_goals_fail_before_initial_pose(make_robot: Callable[..., Robot], log: C
     robot.advance(5.0)
     assert robot.messages(topics.AMCL_POSE) == []
     assert all(len(m.transforms) == 1 for m in robot.messages(topics.TF))
-    initial = PoseWithCovarianceStamped(header=Header(frame_id="odom"))
-    initial.pose.pose.orientation.w = 1.0
+    initial = uncertain_pose_message(0.0, 0.0, 0.0, robot.stamp())
+    initial.header.frame_id = "odom"
     robot.publish(topics.INITIAL_POSE, initial)
     assert "frame 'odom'" in log()
     initial.header.frame_id = "map"

@@ -13,13 +13,12 @@ from typing import Any
 
 import pytest
 import rclpy
-from geometry_msgs.msg import PoseWithCovariance
 from lifecycle_msgs.srv import GetState
 from rclpy.time import Time
 from std_msgs.msg import Header
 
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import pose_message, transform_message
+from pacman_env.ros.message_conversion import transform_message, uncertain_pose_message
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.ros.supervisor.checks import examine
 from pacman_env.ros.supervisor.checks.check import BAD, OK, UNKNOWN, Finding
@@ -92,8 +91,7 @@ class FakeRobot:
         self.probe.publisher(topic).publish(topic.type(**fields))
 
     def pose(self, x: float) -> None:
-        stamped = pose_message(x, 0.0, 0.0, self.stamp())
-        self.say(topics.AMCL_POSE, header=stamped.header, pose=PoseWithCovariance(pose=stamped.pose))
+        self.probe.publisher(topics.AMCL_POSE).publish(uncertain_pose_message(x, 0.0, 0.0, self.stamp()))
 
     def stamp(self, ahead_s: float = 0.0) -> Any:
         return Time(seconds=time.time() - self.behind_s + ahead_s).to_msg()
