@@ -1,9 +1,10 @@
-"""What every test with ROS gets: nodes that end with the test, a probe that records everything; ``domain`` is above."""
+"""What tests with ROS get: nodes that end with the test, a probe that records everything; ``domain`` is above."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,7 +12,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.ros.played_round import Played
+    from tests.ros.selector_game import Game
     from tests.ros.session import Session
+    from tests.ros.simulated_robot.driven import Robot
     from tests.ros.system import Probe, System
 
 NEEDED = ("rclpy", "irobot_create_msgs", "nav2_msgs")
@@ -55,6 +59,47 @@ def nodes(domain: int, tmp_path: Path) -> Iterator[Session]:
 
     with session.nodes(tmp_path) as nodes:
         yield nodes
+
+
+@pytest.fixture
+def game(nodes: Session) -> Game:
+    """What is around a goal selector; the test starts the node."""
+    from tests.ros.selector_game import Game
+
+    return Game(nodes)
+
+
+@pytest.fixture
+def played(domain: int, tmp_path: Path) -> Iterator[Played]:
+    """A round that has begun, with a Clyde that is no danger."""
+    from pacman_env.ros.game_nodes import GAME
+    from tests.ros import session
+    from tests.ros.played_round import SETTINGS, Played
+
+    with session.game(tmp_path, settings=SETTINGS, extra={GAME: {"diagnostics_rate": 5.0}}) as nodes:
+        yield Played(nodes)
+
+
+@pytest.fixture
+def make_robot(domain: int, tmp_path: Path) -> Iterator[Callable[..., Robot]]:
+    """Makes the simulated robot's node in the two rooms with the parameters given; it gives the time."""
+    from tests.ros import session
+    from tests.ros.simulated_robot.driven import Robot
+
+    with ExitStack() as stack:
+
+        def make(**parameters: object) -> Robot:
+            robot = stack.enter_context(session.nodes(tmp_path, session=Robot))
+            robot.begin(**parameters)
+            return robot
+
+        yield make
+
+
+@pytest.fixture
+def robot(make_robot: Callable[..., Robot]) -> Robot:
+    """The simulated robot's node without further parameters."""
+    return make_robot()
 
 
 @pytest.fixture
