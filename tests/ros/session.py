@@ -42,10 +42,7 @@ S = TypeVar("S", bound="Session")
 
 
 class Session(Records):
-    """Nodes and the observer, which share one thread; the nodes keep their files in ``folder``.
-
-    Without a simulated robot, the observer publishes the time.
-    """
+    """Nodes, with files in ``folder``, and the observer, which publishes the time if there is no simulated robot."""
 
     def __init__(self, folder: Path, seed: int = 0, alone: bool = True) -> None:
         super().__init__()
@@ -57,7 +54,6 @@ class Session(Records):
         self.timers: list[tuple[BaseNode, Timer]] = []
         self.late: set[str] = set()  # nodes whose timers are not called
         self._publishers: dict[str, Any] = {}
-        self._clients: dict[str, Any] = {}
         self._log: list[Any] = []
         self.context, signals = rclpy.Context(), SignalHandlerOptions.NO
         # With OFF, the nodes discover only each other.
@@ -78,14 +74,13 @@ class Session(Records):
 
     def start(self, name: str, make: Callable[..., BaseNode] | None = None, **parameters: Any) -> Any:
         """Start one of the game's nodes, or what ``make`` makes, with parameters; one step later it knows the time."""
-        setup = None if make else self.setup
         defaults: dict[str, Any] = {"seed": self.seed} if name in (SIMULATOR, GAME) else {}
         if name == GAME:
             defaults["state_file"] = str(self.folder / f"{name}.json")
         names = []
-        if setup is not None:
-            defaults |= setup.parameters(name)
-            names = [*setup.remappings(name), *([("__node", SHADOW)] if name == SHADOW else [])]
+        if self.setup is not None and make is None:
+            defaults |= self.setup.parameters(name)
+            names = [*self.setup.remappings(name), *([("__node", SHADOW)] if name == SHADOW else [])]
         node = self.add_node(make or node_class(name), names, **{**defaults, **parameters})
         self.step()
         return node
@@ -154,10 +149,8 @@ class Session(Records):
         self.within(lambda: self._publishers[topic.name].publish(message))
 
     def call(self, service: topics.Service, request: Any = None, limit_s: float = 30.0) -> Any:
-        if service.name not in self._clients:
-            self._clients[service.name] = service.client(self.observer)
-        asked = service.type.Request() if request is None else request
-        answer = self.within(lambda: self._clients[service.name].call_async(asked))
+        client = service.client(self.observer)
+        answer = self.within(lambda: client.call_async(service.type.Request() if request is None else request))
         self.wait_for(answer.done, limit_s, f"the answer of {service.name}")
         return answer.result()
 
@@ -231,12 +224,8 @@ def nodes(folder: Path, session: type[S] = Session, **options: Any) -> Iterator[
         opened.timers.append((node, timer))
         return timer
 
-    def destroy(node: BaseNode, timer: Timer) -> None:
-        opened.timers = [one for one in opened.timers if one[1] is not timer]
-        Node.destroy_timer(node, timer)
-
     try:
-        with patch.multiple(BaseNode, create_timer=create, destroy_timer=destroy):
+        with patch.object(BaseNode, "create_timer", create):
             yield opened
     finally:
         opened.close()
@@ -256,6 +245,5 @@ def game(
         opened.setup = setup = GameSetup(str(map), policy, NAMESPACE, sim=True, **fields)
         for name in (SIMULATOR, GAME, *LISTENERS, *([SHADOW] if setup.shadow else [])):
             opened.start(name)
-        referee = opened.node(GAME).game
-        opened.wait_for(lambda: not referee.selector.missing, 60.0, "the robot's pose")
+        opened.wait_for(lambda: not opened.node(GAME).game.selector.missing, 60.0, "the robot's pose")
         yield opened
