@@ -41,8 +41,7 @@ class Echo(BaseNode):
 
 
 def echo(nodes: Session, name: str) -> Echo:
-    node = nodes.start(name, lambda **options: Echo(name, **options))
-    assert isinstance(node, Echo)
+    node: Echo = nodes.start(name, lambda **options: Echo(name, **options))
     return node
 
 

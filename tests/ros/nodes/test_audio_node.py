@@ -16,8 +16,7 @@ from tests.ros.session import Session
 @pytest.fixture
 def speaker(nodes: Session) -> Loudspeaker:
     """The loudspeaker; the node is there, too."""
-    speaker = nodes.start(loudspeaker.NAME, Loudspeaker)
-    assert isinstance(speaker, Loudspeaker)
+    speaker: Loudspeaker = nodes.start(loudspeaker.NAME, Loudspeaker)
     nodes.start("audio_node")
     return speaker
 
@@ -70,6 +69,5 @@ def test_game_continues_silently_without_loudspeaker(nodes: Session, log: Callab
     assert log().count("no action server to play") == 1
     assert nodes.node("audio_node").once.counts["no loudspeaker"] == 3
     speaker = nodes.start(loudspeaker.NAME, Loudspeaker)
-    assert isinstance(speaker, Loudspeaker)
     nodes.publish(topics.GAME_SOUND, "win")
     assert speaker.played == ["win"]

@@ -31,8 +31,7 @@ class Obeying(BaseNode):
 
 
 def join(nodes: Session, name: str, obeys: bool = True) -> Obeying:
-    node = nodes.start(name, lambda **options: Obeying(name, obeys, **options))
-    assert isinstance(node, Obeying)
+    node: Obeying = nodes.start(name, lambda **options: Obeying(name, obeys, **options))
     return node
 
 

@@ -245,7 +245,6 @@ class Costmap(BaseNode):
 
 def test_costmap_is_cleared_seldom_after_a_way_fault_11(nodes: Session) -> None:
     costmap = nodes.start("global_costmap", lambda **options: Costmap(lambda: nodes.now_s, **options))
-    assert isinstance(costmap, Costmap)
     up(nodes, clear_costmap_s=1.5, settings=["clyde.speed_mps=2.0"])
     nodes.advance(5.0)
     assert costmap.cleared == []

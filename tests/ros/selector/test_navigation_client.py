@@ -30,15 +30,13 @@ class Asker(BaseNode):
 
 
 def start_nav2(nodes: Session, *script: str) -> ScriptedNav2:
-    nav2 = nodes.start(scripted_nav2.NAME, lambda **options: ScriptedNav2(*script, **options))
-    assert isinstance(nav2, ScriptedNav2)
+    nav2: ScriptedNav2 = nodes.start(scripted_nav2.NAME, lambda **options: ScriptedNav2(*script, **options))
     return nav2
 
 
 def start_asker(nodes: Session, name: str = "asker") -> tuple[Asker, Callable[..., Any]]:
     """The node, and what calls a method of its client."""
-    asker = nodes.start(name, lambda **options: Asker(name, **options))
-    assert isinstance(asker, Asker)
+    asker: Asker = nodes.start(name, lambda **options: Asker(name, **options))
     assert asker.client.ready
     return asker, lambda method, *arguments: nodes.within(lambda: getattr(asker.client, method)(*arguments))
 
