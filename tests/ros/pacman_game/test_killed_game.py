@@ -101,14 +101,3 @@ def test_killed_game_brings_robot_home(game: Game, pellets: int) -> None:
     game.reach("menu")
     assert (game.value(topics.SCORE), game.value(topics.ROUND)) == (pellets + POINTS, 2)
     assert game.away_m() < 0.6
-
-
-def test_game_killed_in_start_show_begins_its_round(game: Game) -> None:
-    assert game.call(topics.RESET_GAME).success
-    game.advance(2.0)
-    game.clear()
-    assert game.call(topics.START_GAME).success
-    game.reach("starting")
-    game.kill_game()
-    game.reach("running")
-    game.collect(1)

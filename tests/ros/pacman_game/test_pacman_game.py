@@ -183,24 +183,6 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     assert not kept.exists()
 
 
-def test_killed_referee_continues_streak_of_caught_ghosts(nodes: Session, state_folder: Path) -> None:
-    nodes.record(topics.GHOSTS_CAUGHT)
-    up(nodes, "power.pellets=1")
-    assert nodes.call(topics.START_GAME).success
-    status(nodes, "home_reached")
-    wait_state(nodes, "running")
-    status(nodes, f"pellet_collected:{min(nodes.node(GAME).game.referee.power_pellets)}")
-    status(nodes, "ghost_caught:1:inky")
-    assert (nodes.value(topics.SCORE), nodes.value(topics.GAME_EVENT)) == (25, "inky caught")
-    nodes.kill(GAME)
-    nodes.clear()
-    up(nodes, "power.pellets=1")
-    assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (25, 1)
-    status(nodes, "ghost_caught:1:inky")
-    status(nodes, "ghost_caught:2:clyde")
-    assert (nodes.value(topics.SCORE), nodes.value(topics.GHOSTS_CAUGHT)) == (65, 2)
-
-
 def test_stop_survives_kill_until_release(nodes: Session, tmp_path: Path) -> None:
     """The stop is on the disk before it is confirmed; without a clock nothing is resumed, but the robot is stopped."""
     file = tmp_path / "game.json"

@@ -6,8 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from std_msgs.msg import Header
-
 from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.game_nodes import SELECTOR
@@ -24,10 +22,6 @@ def bad_transform(game: Game, topic: topics.Topic) -> None:
     game.say(topic, topic.type(transforms=[broken]))
 
 
-def bad_pose(game: Game) -> None:
-    game.say(topics.AMCL_POSE, topics.AMCL_POSE.type(header=Header(frame_id="odom")))
-
-
 def off_the_map(game: Game) -> None:
     game.stand(400.0, 400.0)
     game.session.advance(1.0)
@@ -41,15 +35,11 @@ def other_pellets(game: Game) -> None:
 
 #: What goes wrong and is over again, by the name of the trouble.
 OVER: dict[str, Callable[[Game], None]] = {
-    "bad amcl_pose": bad_pose,
     "bad clyde_pose": lambda game: game.clyde(math.nan, 0.0),
-    "bad game_command": lambda game: game.say(topics.GAME_COMMAND, "jump"),
     "bad game_state": lambda game: game.say(topics.GAME_STATE, "jump"),
     "bad clyde/speed": lambda game: game.say(topics.CLYDE_SPEED, -1.0),
-    "bad game/round": lambda game: game.say(topics.ROUND, -5),
     "bad tf": lambda game: bad_transform(game, topics.TF),
     "bad tf_static": lambda game: bad_transform(game, topics.TF_STATIC),
-    "bad stop": lambda game: game.say(topics.OPERATOR_STOP, "jump"),
     "off the map": off_the_map,
     "unknown pellets": other_pellets,
     "no Nav2": lambda game: game.end_nav2(),
