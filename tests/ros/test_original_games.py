@@ -181,7 +181,7 @@ def test_status_knows_original_planner_and_shadow(domain: int, tmp_path: Path) -
             nodes.advance(1.0)  # diagnostics
             planner.create_publisher(topics.GAME_STATUS.type, f"{session.NAMESPACE}/{topics.GAME_STATUS.name}", 1)
             with StatusLine(session.NAMESPACE, sim=True) as status_line:
-                assert status_line.spin_until(lambda: status_line.originals and status_line.condition, PATIENCE_S)
+                assert status_line.spin_until(lambda: status_line.originals and status_line.game.condition, PATIENCE_S)
                 missing = wait_for_all(status_line, time.monotonic() + 1.0)
                 rows = dict(line.split(None, 1) for line in status_rows(status_line, missing).splitlines())
     assert not {SELECTOR, ORIGINAL_SELECTOR} & set(missing["absent"]["nodes"])

@@ -32,10 +32,13 @@ _CATCH_UP_S = 1.0  # longest delay of the timer that is caught up
 
 
 class GameGhosts:
-    """Ghosts that move only while the game is running; ``config`` names ``policy`` for each ghost of a policy."""
+    """Ghosts that move only while the game is running; ``config`` names ``policy`` for each ghost of a policy.
 
-    def __init__(self, node: ConfiguredNode, config: Config, seed: int) -> None:
-        self._node, self._config = node, config
+    ``policy`` drives the ghosts of policies.
+    """
+
+    def __init__(self, node: ConfiguredNode, config: Config, seed: int, policy: AskedPolicy | None) -> None:
+        self._node, self._config, self._policy = node, config, policy
         text = (
             "shortest time between two clearings of the global costmap, s; 0: never; the original's Nav2 file needs 5"
         )
@@ -44,7 +47,6 @@ class GameGhosts:
         self.moved = MapGhosts(assets, config, seed)
         self._players = [number for number, name in enumerate(config.clyde.ghosts) if name == POLICY]
         self._view = RobotView(assets, config, seed) if self._players else None
-        self.policy: AskedPolicy | None = None  # drives the ghosts of policies
         self._choices = np.zeros(len(self.moved), dtype=GHOST_CHOICE)  # all wander
         self._asked: set[int] = set()  # ghosts with an open question
         self._begins: set[int] = set()  # ghosts whose policy was not asked in this round
@@ -169,14 +171,14 @@ class GameGhosts:
 
     def _ask(self, now: float) -> None:
         """Ask the policies of ghosts; a late answer counts from the next decision on."""
-        if self._view is None or self._robot is None or self.policy is None or not self.policy.process.ready:
+        if self._view is None or self._robot is None or self._policy is None or not self._policy.process.ready:
             return
         seen = Seen(now - self._began_s, self._robot, self._left, harmless_s=np.maximum(self.harmless - now, 0.0))
         for number in set(self._players) - self._asked:
             self._asked.add(number)
-            self.policy.process.ask(number, self._view.situation(seen, number), number in self._begins)
+            self._policy.process.ask(number, self._view.situation(seen, number), number in self._begins)
             self._begins.discard(number)
-        self.policy.asked()
+        self._policy.asked()
 
     def on_answer(self, answer: Answer) -> None:
         if answer.error:  # of any policy: all are asked again when they have been started again

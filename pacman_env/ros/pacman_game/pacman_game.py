@@ -63,8 +63,7 @@ class PacmanGame(ConfiguredNode):
         if self._selects == OURS or POLICY in behaviours:
             self._policy = AskedPolicy(self, ask, self._on_answer, self._against_change, self._selects == OURS)
         config = self.config.with_fields(**{"clyde.ghosts": behaviours})
-        self.ghosts = GameGhosts(self, config, secrets.randbelow(2**31) if seed < 0 else seed)
-        self.ghosts.policy = self._policy
+        self.ghosts = GameGhosts(self, config, secrets.randbelow(2**31) if seed < 0 else seed, self._policy)
         select: Callable[[Report], GoalSelector] | None = None
         if self._policy is not None and self._selects == OURS:
             select = partial(GoalSelector, self, config, self._policy, home=home, limits=limits)
@@ -173,7 +172,7 @@ class PacmanGame(ConfiguredNode):
     def _on_amcl(self, message: Any) -> None:
         self.ghosts.on_robot(message)
         if self.game.selector is not None:
-            self.game.selector.pose.on_amcl(message)
+            self.game.selector.pose.believed.latched(message)
 
     def _on_speed(self, message: Any) -> None:
         self.game.perform(self.game.referee.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
@@ -209,7 +208,7 @@ class PacmanGame(ConfiguredNode):
     def last_messages(self) -> Iterable[Any]:
         """Stop robot and lights at the end, and remove the saved game; a game that stood still is saved instead."""
         if self._policy is not None:
-            self._policy.close()
+            self._policy.process.close()
         if self.status != STOOD_STILL:
             self._file.remove()
             self.game.close()

@@ -108,7 +108,7 @@ class RobotGame:
         elif kind == "state":
             ours.on_state(value)
         elif kind == "round":
-            ours.on_round(value)
+            ours.executor.round.begin(value)
         elif kind == "clyde_speed":
             ours.on_clyde_speed(value)
 

@@ -101,6 +101,3 @@ class AskedPolicy:
         self._poll()  # it may have died without a question
         process = self.process
         return {"policy": self.spec, "policy_ready": process.ready, "policy_restarts": process.restarts}
-
-    def close(self) -> None:
-        self.process.close()

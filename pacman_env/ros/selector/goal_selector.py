@@ -113,9 +113,6 @@ class GoalSelector:
         self._believe(now)
         self._do(self.executor.command(word, now))
 
-    def on_round(self, number: int) -> None:
-        self.executor.round.begin(number)
-
     def on_clyde_speed(self, mps: float) -> None:
         self.view.clyde_speed_mps = mps
 

@@ -88,10 +88,10 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         selector, number_of = self.selector, messages.number_of
         yield topics.GAME_STATE, lambda message: selector.on_state(messages.word_of(message, topics.STATE_WORDS))
         yield topics.GAME_COMMAND, lambda message: selector.on_command(messages.word_of(message, topics.COMMAND_WORDS))
-        yield topics.AMCL_POSE, selector.pose.on_amcl
+        yield topics.AMCL_POSE, selector.pose.believed.latched
         yield topics.PELLET_MARKERS, self._on_pellets
-        yield topics.ROUND, lambda message: selector.on_round(int(number_of(message, 1, 2**31 - 1)))
         played = selector.executor.round
+        yield topics.ROUND, lambda message: played.begin(int(number_of(message, 1, 2**31 - 1)))
         yield topics.GHOSTS_CAUGHT, lambda message: played.caught_before(int(number_of(message, 0, 2**31 - 1)))
         yield topics.CLYDE_SPEED, lambda message: selector.on_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS))
         for k in range(len(self.config.clyde.ghosts)):
@@ -148,7 +148,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         return {"shadow": self._shadows, "stopped": stopped, **condition}
 
     def last_messages(self) -> Iterable[Any]:
-        self._policy.close()
+        self._policy.process.close()
         return self.selector.close()
 
 

@@ -36,8 +36,8 @@ class PoseTopics:
 
     def __init__(self, node: ConfiguredNode, view: RobotView, limits: PoseLimits) -> None:
         self._node, self._view = node, view
-        self._believed = BelievedPose(limits.timeout_s)
-        self.watch = PoseWatch(self._believed, limits)
+        self.believed = BelievedPose(limits.timeout_s)
+        self.watch = PoseWatch(self.believed, limits)
         self.was_set = False
         for topic, handle in (
             (topics.INITIAL_POSE, self._on_initial_pose),
@@ -56,16 +56,12 @@ class PoseTopics:
 
     def trusted(self, now: float) -> Belief | None:
         """Return the pose for decisions; None if it is not trusted or off the map."""
-        belief = None if any(self.watch.reasons(now).values()) else self._believed.at(now)
+        belief = None if any(self.watch.reasons(now).values()) else self.believed.at(now)
         if belief is not None and self._view.off_the_map(*belief.pose[:2]):
             x, y, _ = belief.pose
             self._node.once.warning("off the map", f"{belief.source}: ({x:.2f}, {y:.2f}) is off the map")
             return None
         return belief
-
-    def on_amcl(self, message: Any) -> None:
-        """Use an ``amcl_pose``; raises BadMessage."""
-        self._believed.latched(message)
 
     def _on_initial_pose(self, message: Any) -> None:
         pose = pose_of(message)
@@ -75,7 +71,7 @@ class PoseTopics:
         self.was_set = True
 
     def _on_transforms(self, message: Any, waited_s: float, static: bool = False) -> None:
-        for trouble in self._believed.transforms(message, self._node.now_s() - waited_s, static):
+        for trouble in self.believed.transforms(message, self._node.now_s() - waited_s, static):
             self._node.once.warning("bad tf_static" if static else "bad tf", trouble)
 
     def _on_map(self, message: Any) -> None:

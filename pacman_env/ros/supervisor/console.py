@@ -145,7 +145,7 @@ class Console:
 
     def report_troubles(self) -> None:
         """Print each trouble that needs a person once, with the text that page and doctor show."""
-        troubles = troubles_of(self._status_line.condition)
+        troubles = troubles_of(self._status_line.game.condition)
         previous, self._reported = self._reported, {kind: troubles[kind] for kind in REPORTED if kind in troubles}
         for kind, words in self._reported.items():
             if words != previous.get(kind):

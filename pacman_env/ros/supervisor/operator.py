@@ -152,7 +152,7 @@ def _names_of(missing: Missing, *states: str) -> list[str]:
 
 def _missing(status_line: StatusLine) -> Missing:
     originals, facts = status_line.originals, status_line.facts()
-    nodes = needed_nodes(status_line.sim, originals, status_line.condition.get("selector", OURS))
+    nodes = needed_nodes(status_line.sim, originals, status_line.game.condition.get("selector", OURS))
     silent = [name for name in nodes if name not in originals and name not in status_line.game.nodes]
     unknown = [name for name, topic in _SOURCES.items() if facts[name] is None]
     published = {name for name in unknown if publishers(status_line, [_SOURCES[name].name])}
@@ -177,9 +177,9 @@ def status_rows(status_line: StatusLine, missing: Missing) -> str:
         "ghosts": None if caught is None else f"{caught} caught",
         "result": facts["result"],
         "Clyde": None if speed is None else f"{speed:.2f} m/s",
-        "pose": "none yet" if age_s is None else f"{_place(status_line.condition)}{age_s:.1f} s ago",
+        "pose": "none yet" if age_s is None else f"{_place(status_line.game.condition)}{age_s:.1f} s ago",
         "policy": facts["policy"],
-        "selector": _selector(status_line.condition, facts["nodes"]),
+        "selector": _selector(status_line.game.condition, facts["nodes"]),
         "nodes": ", ".join([*facts["nodes"], *(f"{name} (original)" for name in sorted(status_line.originals))]),
         "stopped": "until 'pacman-env ros release'" if facts["stopped"] else None,
         "troubles": "; ".join(text for kind, text in status_line.troubles.items() if kind != STOPPED),

@@ -67,14 +67,9 @@ class StatusLine(ObserverNode):
         return self.game.valid("state")
 
     @property
-    def condition(self) -> Mapping[str, Any]:
-        """Diagnostics of the goal selector."""
-        return self.game.condition
-
-    @property
     def ready(self) -> bool:
         """True if a round can begin."""
-        condition = self.condition
+        condition = self.game.condition
         if condition.get("selector", OURS) != OURS:
             return True
         return bool(condition.get("active") and condition.get("nav2") and condition.get("pose"))
@@ -93,7 +88,7 @@ class StatusLine(ObserverNode):
         silent_s = time.monotonic() - self._heard_s[-1] if self._heard_s else 0.0
         if silent_s > SILENT_S:
             return SILENCE.format(silent_s)
-        return None if len(self._heard_s) < 2 and (self._heard_s or self.condition) else ""
+        return None if len(self._heard_s) < 2 and (self._heard_s or self.game.condition) else ""
 
     @property
     def troubles(self) -> dict[str, str]:
@@ -119,16 +114,16 @@ class StatusLine(ObserverNode):
 
     def facts(self) -> dict[str, Any]:
         """Return the state of the game as plain values; missing and invalid values are None."""
-        caught, age_s = self.game.valid("ghosts_caught"), self.condition.get("pose_age_s")
+        caught, age_s = self.game.valid("ghosts_caught"), self.game.condition.get("pose_age_s")
         return {
             "namespace": self.get_namespace(),
             **{name: self.game.valid(name) for name in VALUES},
             **({} if caught is None else {"ghosts_caught": caught}),
-            "policy": plain(str(self.condition.get("policy", self._policy)), LONGEST_WORD) or None,
+            "policy": plain(str(self.game.condition.get("policy", self._policy)), LONGEST_WORD) or None,
             "pose_age_s": float(age_s) if isinstance(age_s, int | float) else None,
             "nodes": sorted(self.game.nodes),
             "stopped": self.operator.stopped if self.operator.known else None,
-            "goal_selector": self.condition or None,
+            "goal_selector": self.game.condition or None,
             "silence": self.silence,
             "processes": self.game.started.get("processes"),
             "invalid": {name: self.game.invalid[name] for name in VALUES if name in self.game.invalid},
@@ -136,7 +131,7 @@ class StatusLine(ObserverNode):
 
     def line(self, pose_age: bool) -> str:
         """Describe the game in one line, with the age of the pose only if ``pose_age`` (it always changes)."""
-        facts, condition = self.facts(), self.condition
+        facts, condition = self.facts(), self.game.condition
         age_s, troubles = facts["pose_age_s"], [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
         texts = {name: "-" if facts[name] is None else facts[name] for name in VALUES}
         texts |= dict.fromkeys(facts["invalid"], "?")

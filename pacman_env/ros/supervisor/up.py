@@ -228,9 +228,9 @@ class GameProcesses:
         nodes = (SIMULATOR, GAME, *LISTENERS) if self.setup.sim else (GAME, *LISTENERS)
         if missing := [name for name in nodes if name not in status_line.game.nodes]:
             return f"waiting for {', '.join(missing)}"
-        if not status_line.condition:
+        if not status_line.game.condition:
             return f"waiting for {GAME}"
-        if status_line.ready or status_line.condition.get("pose") or status_line.state not in (None, "menu"):
+        if status_line.ready or status_line.game.condition.get("pose") or status_line.state not in (None, "menu"):
             return ""
         if self.setup.nav2:
             return f"waiting for the pose, from AMCL (log of {NAV2})"

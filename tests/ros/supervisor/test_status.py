@@ -80,7 +80,7 @@ def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> No
     condition = {"nav2": True, "troubles": {"stopped by the operator": 3, "off the map": 4, "ghosts unheard": 1}}
     probe.publish(topics.GAME_STATE, "running")
     probe.publish(topics.DIAGNOSTICS, json.dumps(condition))
-    assert status_line.spin_until(lambda: status_line.condition and status_line.state, PATIENCE_S)
+    assert status_line.spin_until(lambda: status_line.game.condition and status_line.state, PATIENCE_S)
     assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
 
 
