@@ -24,7 +24,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from pacman_env.ros.topics import Service, Topic
+from pacman_env.ros.topics import Topic
 from tests.ros.fork_server import Forked
 from tests.ros.records import Records
 from tests.waiting import PATIENCE_S
@@ -232,41 +232,9 @@ class Probe(Records):
             self._publishers[topic.name] = topic.publisher(self.node)
         return self._publishers[topic.name]
 
-    def call(self, service: Service, request: Any = None, timeout_s: float = PATIENCE_S) -> Any:
-        """The answer of a service, once it is there."""
-        client = service.client(self.node)
-        self.wait_for(client.service_is_ready, timeout_s, f"service {service.name}")
-        self._be_known_to_owner(f"{self.system.namespace}/{service.name}", timeout_s)
-        answer = client.call_async(service.type.Request() if request is None else request)
-        self.wait_for(answer.done, timeout_s, f"the answer of {service.name}")
-        self.node.destroy_client(client)
-        return answer.result()
-
-    def _be_known_to_owner(self, service: str, timeout_s: float) -> None:
-        """Wait until a service's node knows all of the probe's clients made so far.
-
-        A server that is ready for a client may not know the client's reader yet, and drops its answer then. Readers
-        become known in the order in which they are made: an answer to one made now says that the others are known.
-        """
-
-        def owner() -> str | None:
-            for name, namespace in self.node.get_node_names_and_namespaces():
-                with contextlib.suppress(rclpy.node.NodeNameNonExistentError):
-                    if service in dict(self.node.get_service_names_and_types_by_node(name, namespace)):
-                        return f"{namespace.rstrip('/')}/{name}"
-            return None
-
-        self.answered_by(self.wait_for(owner, timeout_s, f"the node of {service}"), True, timeout_s)
-
     def stamp(self) -> Any:
         """The time now, as messages have it."""
         return self.node.get_clock().now().to_msg()
-
-    def spin(self, seconds: float) -> None:
-        """Listen for a while: only for what must *not* happen; else ``wait_for``."""
-        end = time.monotonic() + seconds
-        while (left := end - time.monotonic()) > 0:
-            self.executor.spin_once(timeout_sec=left)
 
     def wait_for(self, condition: Callable[[], T], timeout_s: float = PATIENCE_S, what: str = "the condition") -> T:
         """Spin until the condition holds, and return what it returned; fails early if a process has failed."""

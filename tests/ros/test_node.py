@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -239,7 +240,8 @@ def stand_still(probe: Probe, process: Process, seconds: float) -> None:
     process.send(signal.SIGSTOP)
     state = Path(f"/proc/{process.popen.pid}/stat")
     probe.wait_for(lambda: state.read_text().rpartition(")")[2].split()[0] == "T", what="the standstill")
-    probe.spin(seconds)
+    end_s = time.monotonic() + seconds
+    probe.wait_for(lambda: time.monotonic() > end_s, what="the end of the standstill")
     process.send(signal.SIGCONT)
 
 
