@@ -2,22 +2,18 @@
 
 import json
 import math
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from nav_msgs.msg import Odometry
 
 from pacman_env.ros import topics
 from pacman_env.ros.node import BaseNode
 from pacman_env.ros.operator_page.page_node import RAYS, picture_of, rays_of
 from pacman_env.ros.operator_stop import OperatorStop
-from pacman_env.ros.selector.message_queue import MessageQueue
 from pacman_env.world.maps.occupancy import load_map
-from tests.ros import session
 from tests.ros.session import Session
 
 
@@ -95,20 +91,6 @@ def test_stop_wins_over_release_of_same_time(nodes: Session) -> None:
         publish(nodes, stopped, at)
     assert planner.told == [(True, "guest-3")]
     assert planner.stop.stopped
-
-
-def test_message_before_first_clock_has_no_age(domain: int, tmp_path: Path) -> None:
-    waited: list[float] = []
-    with session.nodes(tmp_path) as nodes:
-        nodes.clock_runs = False
-        node = nodes.start("page", lambda **options: BaseNode("page", **options))
-        queue = MessageQueue(node, topics.ODOMETRY, lambda message, waited_s: waited.append(waited_s), node.now_s)
-        nodes.publish(topics.ODOMETRY, Odometry())
-        nodes.clock_runs = True
-        nodes.advance(0.05)
-        nodes.publish(topics.ODOMETRY, Odometry())
-        queue.catch_up()
-    assert waited == [0.0]
 
 
 def test_map_becomes_picture_of_its_file() -> None:

@@ -5,7 +5,9 @@ import time
 import rclpy
 
 from pacman_env.ros import topics
+from pacman_env.ros.node import BaseNode
 from pacman_env.ros.selector.message_queue import MessageQueue
+from tests.ros.session import Session
 from tests.ros.system import Probe
 
 WORDS = [f"message {number}" for number in range(topics.GAME_COMMAND.qos.depth + 2)]
@@ -31,3 +33,16 @@ def test_queue_keeps_newest_messages_in_order(probe: Probe) -> None:
     assert len(taken) == len(WORDS) - 2
     probe.executor.remove_node(node)
     node.destroy_node()
+
+
+def test_message_before_first_clock_has_no_age(nodes: Session) -> None:
+    waited: list[float] = []
+    nodes.clock_runs = False
+    node = nodes.start("page", lambda **options: BaseNode("page", **options))
+    queue = MessageQueue(node, topics.GAME_COMMAND, lambda message, waited_s: waited.append(waited_s), node.now_s)
+    nodes.publish(topics.GAME_COMMAND, "early")
+    nodes.clock_runs = True
+    nodes.advance(0.05)
+    nodes.publish(topics.GAME_COMMAND, "late")
+    queue.catch_up()
+    assert waited == [0.0]

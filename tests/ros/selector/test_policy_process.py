@@ -5,19 +5,23 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from itertools import accumulate
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from pacman_env.config import make_config
+from pacman_env.config import Config, make_config
 from pacman_env.levels.assets import map_assets
+from pacman_env.levels.level import COARSE_MAP
 from pacman_env.observations.robot_view import RobotView
-from pacman_env.observations.situation import Situation
+from pacman_env.observations.situation import Situation, maps_of
+from pacman_env.policies.registry import make_policy
 from pacman_env.ros.heartbeat import is_running
-from pacman_env.ros.selector import policy_process
-from pacman_env.ros.selector.policy_child import ROBOT, Answer, PolicySetup
+from pacman_env.ros.selector import policy_child, policy_process
+from pacman_env.ros.selector.policy_child import ROBOT, Answer, PolicySetup, rehearse
 from pacman_env.ros.selector.policy_process import PolicyProcess
 from tests.ros.selector import faulty_policy
 from tests.waiting import wait_for
@@ -26,9 +30,13 @@ FAULTY = f"{faulty_policy.__name__}:Faulty"
 BLOCKED_S = 1.0  # on a busy machine; a caller that waits for the policy waits longer
 
 
-def situation() -> Situation:
+def house() -> tuple[RobotView, Config]:
     config = make_config("robot")
-    return RobotView(map_assets("house", config), config).sample_situation()
+    return RobotView(map_assets("house", config), config), config
+
+
+def situation() -> Situation:
+    return house()[0].sample_situation()
 
 
 class Asked:
@@ -165,3 +173,31 @@ def test_killed_parent_takes_its_policy_along(fault: Path) -> None:
     fault.write_text("")
     assert parent.returncode == -signal.SIGKILL
     wait_for(lambda: not is_running(int(parent.stdout)))
+
+
+# The rehearsal before a game
+
+
+def test_rehearsal_prepares_map_that_predicts_chase() -> None:
+    """Its kernels take half a minute to compile, in which a game would stand still."""
+    view, config = house()
+    (level,) = maps_of(view.sample_situation()).levels(np.array([0]))
+    assert level.find(COARSE_MAP) is None
+    rehearse(make_policy("ppo"), view, config)
+    assert level.find(COARSE_MAP) is not None
+
+
+def ticking(first_s: float, later_s: float) -> Callable[[], float]:
+    """Return a clock on which the first two choices take ``first_s`` and all others ``later_s``."""
+    times_s = accumulate([0.0, first_s, 0.0, first_s, *[0.0, later_s] * 9])
+    return lambda: next(times_s)
+
+
+def test_policy_that_is_always_slow_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    (view, config), policy = house(), make_policy("nearest")
+    clock = SimpleNamespace(perf_counter=ticking(60.0, 0.5))
+    monkeypatch.setattr(policy_child, "time", clock)
+    assert rehearse(policy, view, config) is policy
+    clock.perf_counter = ticking(60.0, 3.0)
+    with pytest.raises(ValueError, match="nearest"):
+        rehearse(policy, view, config)

@@ -12,6 +12,7 @@ from geometry_msgs.msg import Twist
 from irobot_create_msgs.msg import AudioNote, AudioNoteVector, LedColor, LightringLeds
 
 from pacman_env.ros import topics
+from pacman_env.ros.game_nodes import SIMULATOR
 from pacman_env.ros.message_conversion import (
     cloud_message,
     pose_of,
@@ -19,10 +20,13 @@ from pacman_env.ros.message_conversion import (
     twist_message,
     uncertain_pose_message,
 )
-from pacman_env.ros.simulated_robot.sim_robot import AUDIO_SHOWN, FAULT, LIGHT_RING_SHOWN
+from pacman_env.ros.simulated_robot.sim_robot import AT_ONCE, AUDIO_SHOWN, CATCH_UP_S, FAULT, LIGHT_RING_SHOWN
 from pacman_env.sim import navigate_to_pose as nav
 from tests.ros.simulated_robot.driven import ABORTED, CANCELED, LEFT, SUCCEEDED, Goal, Robot
 from tests.sim.robots import DOOR, RIGHT, rooms
+from tests.wall_clock import WallClock
+
+Make = Callable[..., Robot]
 
 
 def test_robot_drives_to_goal_and_amcl_falls_silent(robot: Robot) -> None:
@@ -82,9 +86,7 @@ def test_clyde_blocks_path_until_cleared(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("stamped", [True, False])
-def test_velocity_moves_robot_for_half_a_second(
-    make_robot: Callable[..., Robot], log: Callable[[], str], stamped: bool
-) -> None:
+def test_velocity_moves_robot_for_half_a_second(make_robot: Make, log: Callable[[], str], stamped: bool) -> None:
     robot = make_robot(stamped_cmd_vel=stamped)
     topic = topics.CMD_VEL if stamped else topics.Topic("cmd_vel", "geometry_msgs/Twist", topics.EVENTS)
 
@@ -102,7 +104,7 @@ def test_velocity_moves_robot_for_half_a_second(
     assert 0.09 <= robot.place()[0] <= 0.12
 
 
-def test_goals_fail_before_initial_pose(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
+def test_goals_fail_before_initial_pose(make_robot: Make, log: Callable[[], str]) -> None:
     robot = make_robot(set_initial_pose=False)
     status, result = robot.goal(*RIGHT).end()
     assert (status, result.error_code) == (ABORTED, nav.TF_ERROR)
@@ -173,7 +175,7 @@ def test_lights_and_notes_are_shown(robot: Robot, log: Callable[[], str]) -> Non
     assert shown[0]["notes"] == [[440, 2.0]] * 2
 
 
-def test_real_time_has_no_clock(make_robot: Callable[..., Robot], log: Callable[[], str]) -> None:
+def test_real_time_has_no_clock(make_robot: Make, log: Callable[[], str]) -> None:
     robot = make_robot(use_sim_time=False)
     robot.clear()
     robot.advance(1.5)
@@ -183,3 +185,62 @@ def test_real_time_has_no_clock(make_robot: Callable[..., Robot], log: Callable[
     assert robot.observer.count_publishers("/clock") == 0
     robot.publish(FAULT, "clock_jump 5")
     assert "needs use_sim_time" in log()
+
+
+# The pace beside the wall clock, which is the test's here
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> WallClock:
+    clock = WallClock()
+    monkeypatch.setattr("pacman_env.ros.simulated_robot.sim_robot.time", clock)
+    return clock
+
+
+def catch_up(robot: Robot, wall: WallClock, seconds: float) -> tuple[int, int]:
+    """Let the wall's time pass without the node, then let it catch up; return how many ticks and steps it takes."""
+    wall.now_s += seconds
+    node = robot.node(SIMULATOR)
+    first = node.robot.steps
+    for tick in range(1000):
+        before = node.robot.steps
+        robot.within(node.tick)
+        assert 0 <= node.robot.steps - before <= AT_ONCE
+        if node.robot.steps == before:
+            return tick, before - first
+    raise AssertionError("it does not catch up")
+
+
+def stamp_s(robot: Robot) -> float:
+    return seconds_of(robot.odometry().header.stamp)
+
+
+def test_time_runs_ten_times_as_fast(make_robot: Make, wall: WallClock) -> None:
+    robot = make_robot(speed=10.0)
+    catch_up(robot, wall, 0.1)
+    start_s = stamp_s(robot)
+    for k in range(1, 301):
+        catch_up(robot, wall, 0.01)
+        # A step is of 0.05 s; the last one is due at this very moment.
+        assert stamp_s(robot) - start_s == pytest.approx(k * 0.1, abs=0.051)
+
+
+def test_stamps_are_real_time_without_simulated_time(make_robot: Make, wall: WallClock) -> None:
+    robot = make_robot(use_sim_time=False)
+    catch_up(robot, wall, 0.3)
+    for k in range(1, 400):
+        catch_up(robot, wall, 0.03 if k % 100 else 2.0)  # now and then it gets no core for a while
+        assert wall.time_ns() / 1e9 - stamp_s(robot) == pytest.approx(0.0, abs=0.101)
+    assert robot.troubles["too slow"] == 3
+
+
+def test_lost_time_is_left_out_and_messages_come_between(make_robot: Make, wall: WallClock) -> None:
+    robot = make_robot(speed=10.0)
+    catch_up(robot, wall, 0.1)
+    ticks, steps = catch_up(robot, wall, 0.4)
+    assert ticks >= 8
+    assert steps == pytest.approx(80, abs=1)
+    assert "too slow" not in robot.troubles
+    _, steps = catch_up(robot, wall, 60.0)
+    assert steps == pytest.approx(CATCH_UP_S * 10.0 / 0.05, abs=1)
+    assert robot.troubles["too slow"] == 1
