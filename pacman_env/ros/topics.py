@@ -59,20 +59,20 @@ class Topic(_Interface):
     def publisher(self, node: Any) -> Any:
         return node.create_publisher(self.type, self.name, self.qos)
 
-    def subscription(self, node: Any, callback: Callable[..., None], **options: Any) -> Any:
+    def subscription(self, node: Any, callback: Callable[..., None]) -> Any:
         qos = RECEIVED_LATCHED if self.qos == LATCHED else self.qos
-        return node.create_subscription(self.type, self.name, callback, qos, **options)
+        return node.create_subscription(self.type, self.name, callback, qos)
 
 
 @dataclass(frozen=True)
 class Service(_Interface):
     kind = "srv"
 
-    def client(self, node: Any, **options: Any) -> Any:
-        return node.create_client(self.type, self.name, **options)
+    def client(self, node: Any) -> Any:
+        return node.create_client(self.type, self.name)
 
-    def server(self, node: Any, callback: Callable[[Any, Any], Any], **options: Any) -> Any:
-        return node.create_service(self.type, self.name, callback, **options)
+    def server(self, node: Any, callback: Callable[[Any, Any], Any]) -> Any:
+        return node.create_service(self.type, self.name, callback)
 
 
 class FeedbackTopic(Topic):
@@ -85,8 +85,8 @@ class FeedbackTopic(Topic):
 class RosAction(_Interface):
     kind = "action"
 
-    def client(self, node: Any, **options: Any) -> Any:
-        return ActionClient(node, self.type, self.name, **options)
+    def client(self, node: Any) -> Any:
+        return ActionClient(node, self.type, self.name)
 
     @property
     def statuses(self) -> Topic:
@@ -97,12 +97,12 @@ class RosAction(_Interface):
     def feedback(self) -> FeedbackTopic:
         return FeedbackTopic(f"{self.name}/_action/feedback", f"{self.type_name}.Impl.FeedbackMessage", _qos(1))
 
-    def goal_client(self, node: Any, **options: Any) -> Any:
-        return node.create_client(self.type.Impl.SendGoalService, f"{self.name}/_action/send_goal", **options)
+    def goal_client(self, node: Any) -> Any:
+        return node.create_client(self.type.Impl.SendGoalService, f"{self.name}/_action/send_goal")
 
-    def result_client(self, node: Any, **options: Any) -> Any:
+    def result_client(self, node: Any) -> Any:
         """Create a client of the service that responds when a goal has ended."""
-        return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result", **options)
+        return node.create_client(self.type.Impl.GetResultService, f"{self.name}/_action/get_result")
 
     def server(self, node: Any, execute: Callable[[Any], Any], **options: Any) -> Any:
         return ActionServer(node, self.type, self.name, execute, **options)
