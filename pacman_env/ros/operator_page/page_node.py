@@ -122,9 +122,6 @@ class RobotState:
         for parent, child, pose in map(messages.transform_of, message.transforms):
             self._static[child.lstrip("/")] = parent.lstrip("/"), pose
 
-    def on_transforms(self, message: Any) -> None:
-        self.belief.transforms(message, self._monotonic())
-
     def on_odometry(self, message: Any) -> None:
         self._odometry = messages.pose_of(message, FRAMES.odom)
         twist = message.twist.twist
@@ -246,7 +243,7 @@ class PageNode(BaseNode):
             (topics.SCORES, game.on_scores),
             (topics.MAP, robot.on_map),
             (topics.AMCL_POSE, lambda message: robot.belief.latched(message)),
-            (topics.TF, robot.on_transforms),
+            (topics.TF, lambda message: robot.belief.transforms(message, monotonic())),
             (topics.TF_STATIC, robot.on_static_transforms),
             (topics.ODOMETRY, robot.on_odometry),
             (topics.PLAN, robot.on_plan),

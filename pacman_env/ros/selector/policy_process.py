@@ -161,7 +161,8 @@ class PolicyProcess:
                 self._restart()
             return None
         try:
-            answer = self._receive() if self._pipe.poll(wait_s) else None
+            has_answer = self._pipe.poll(wait_s)
+            answer = msgspec.msgpack.decode(self._pipe.recv_bytes(), type=Answer) if has_answer else None
         except (EOFError, OSError):
             return self._fail(f"its process {self._end_words()}")
         if answer is None:
@@ -186,9 +187,6 @@ class PolicyProcess:
             return False
         state, busy_s = main_thread(self.process.pid or 0)
         return state not in WAITING or busy_s - busy_before_s > limit_s
-
-    def _receive(self) -> Answer:
-        return msgspec.msgpack.decode(self._pipe.recv_bytes(), type=Answer)
 
     def _end_words(self) -> str:
         status = self._await_end()
