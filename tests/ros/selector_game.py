@@ -73,11 +73,6 @@ class Game:
         self.session.start(SELECTOR, **own)
         self.session.wait_for(lambda: self.session.messages(topics.DIAGNOSTICS), what="the goal selector")
 
-    @property
-    def troubles(self) -> dict[str, int]:
-        """What the node has said once, and how often it happened."""
-        return dict(self.session.node(SELECTOR).once.counts)
-
     def start_nav2(self, *script: str) -> ScriptedNav2:
         self.nav2 = self.session.start(scripted_nav2.NAME, lambda **options: ScriptedNav2(*script, **options))
         return self.nav2

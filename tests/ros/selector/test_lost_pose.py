@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import GAME
+from pacman_env.ros.game_nodes import GAME, SELECTOR
 from pacman_env.ros.message_conversion import pose_message, transform_message, uncertain_pose_message
 from pacman_env.ros.selector.nav2_failures import error_words
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
@@ -93,7 +93,7 @@ def test_preempted_goal_has_not_failed(game: Game) -> None:
         game.stand(*pellet(slot))
         game.session.advance(2.0)
     assert len(game.nav2.goals) > 3
-    assert FAILS not in game.troubles
+    assert FAILS not in game.session.node(SELECTOR).once.counts
 
 
 @pytest.mark.parametrize(
