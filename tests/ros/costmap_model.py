@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -99,19 +100,9 @@ class ObstacleLayer:
         away = points - origin
         with np.errstate(divide="ignore", invalid="ignore"):  # to the edge of the grid at most
             reach = np.where(away > 0, (high - origin) / away, np.where(away < 0, (low - origin) / away, np.inf))
-        ends = np.clip(origin + away * np.minimum(reach.min(axis=1), 1.0)[:, None], low, high)
-        steps = np.abs(self.grid.cell_of(ends) - start)
-        signs = np.where(self.grid.cell_of(ends) > start, 1, -1)
-        longest = math.ceil(reach_m / self.grid.resolution)
-        for (dx, dy), sign in zip(steps, signs, strict=True):
-            a, b = (0, 1) if dx >= dy else (1, 0)
-            da, db = max(dx, dy), min(dx, dy)
-            length = math.hypot(dx, dy)
-            along = np.arange(int(min(1.0, longest / length) * da) + 1) if da else np.zeros(1, dtype=int)
-            across = (da // 2 + along * db) // max(da, 1)
-            cells = np.empty((len(along), 2), dtype=np.int64)
-            cells[:, a], cells[:, b] = start[a] + sign[a] * along, start[b] + sign[b] * across
-            self.cells[cells[:, 1], cells[:, 0]] = FREE
+            share = np.minimum(reach.min(axis=1), reach_m / np.hypot(*away.T)).clip(max=1.0)
+        for end in self.grid.cell_of(np.clip(origin + away * share[:, None], low, high)).tolist():
+            cv2.line(self.cells, start.tolist(), end, FREE)
 
     def laid_over(self, master: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """``master`` with this layer over it, by ``combination_method``."""
