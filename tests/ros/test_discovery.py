@@ -15,16 +15,8 @@ import pytest
 
 from pacman_env import ros
 from pacman_env.game.lights import LASTING
-from pacman_env.ros import topics
-from pacman_env.ros.discovery import (
-    PROFILES,
-    TRANSPORTS,
-    avoid_shared_memory,
-    domain_of,
-    simulated,
-    stay_on_this_machine,
-    users_environment,
-)
+from pacman_env.ros import discovery, topics
+from pacman_env.ros.discovery import PROFILES, TRANSPORTS
 from pacman_env.ros.process import LAST_MESSAGES_S
 from tests.ros.system import Probe, System
 from tests.waiting import wait_for
@@ -36,18 +28,18 @@ START_S = 240.0  # the first may have to compile
 
 @pytest.mark.parametrize(("text", "number"), [("", 0), ("0", 0), ("15", 15), ("232", 232)])
 def test_domain_is_a_number(text: str, number: int) -> None:
-    assert domain_of(text) == number
+    assert discovery.domain_of(text) == number
 
 
 @pytest.mark.parametrize("text", ["abc", "500", "-1", "1.5", "²", " 1"])
 def test_invalid_domain_is_refused_by_name(text: str) -> None:
     with pytest.raises(ValueError, match="ROS_DOMAIN_ID"):
-        domain_of(text)
+        discovery.domain_of(text)
 
 
 def test_local_process_has_no_way_to_others() -> None:
     environment = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_DISCOVERY_SERVER": "10.0.0.1:11811", "HOME": "/"}
-    stay_on_this_machine(environment)
+    discovery.stay_on_this_machine(environment)
     assert environment == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "HOME": "/"}
 
 
@@ -70,7 +62,7 @@ def test_local_process_has_no_way_to_others() -> None:
 def test_arguments_tell_simulated_time_as_ros_does(words: str, value: str, asks: bool, tmp_path: Path) -> None:
     file = tmp_path / "launch_params"
     file.write_text(f"/robot_15/sim_robot:\n  ros__parameters:\n    use_sim_time:{value}\n")
-    assert simulated(["--ros-args", *words.format(file=file).split()]) is asks
+    assert discovery.simulated(["--ros-args", *words.format(file=file).split()]) is asks
 
 
 ROS_PROFILE, OTHER_PROFILE = PROFILES
@@ -97,7 +89,7 @@ def test_chosen_transports_and_profiles_stay(
     names = {"file": str(tmp_path / "profiles.xml"), "package": str(Path(ros.__file__).parent)}
     Path(names["file"]).write_text(profile)
     environment = {name: value.format(**names) for name, value in given.items()}
-    avoid_shared_memory(environment)
+    discovery.avoid_shared_memory(environment)
     assert environment.get(TRANSPORTS) == transports
     assert environment.get(ROS_PROFILE) == (file and file.format(**names))
 
@@ -113,9 +105,9 @@ def test_last_messages_are_acknowledged_in_time() -> None:
 
 def test_doctor_hides_profile_that_user_did_not_set() -> None:
     with mock.patch.dict(os.environ, {"HOME": "/h"}, clear=True):
-        avoid_shared_memory()
+        discovery.avoid_shared_memory()
         assert ROS_PROFILE in os.environ
-        assert users_environment() == {"HOME": "/h", TRANSPORTS: "UDPv4"}
+        assert discovery.users_environment() == {"HOME": "/h", TRANSPORTS: "UDPv4"}
 
 
 @pytest.mark.parametrize("home", [{}, {"HOME": os.devnull}])

@@ -13,26 +13,9 @@ from hypothesis import strategies as st
 from std_msgs.msg import Float32, Float64MultiArray, Header, Int32, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pacman_env.ros import message_conversion as messages
 from pacman_env.ros import topics
-from pacman_env.ros.message_conversion import (
-    BadMessage,
-    cloud_message,
-    ghost_times_of,
-    marker_message,
-    markers_of,
-    nanoseconds_of,
-    number_of,
-    pellets_of,
-    point_of,
-    points_of,
-    pose_message,
-    pose_of,
-    seconds_of,
-    transform_message,
-    transform_of,
-    twist_message,
-    word_of,
-)
+from pacman_env.ros.message_conversion import BadMessage
 
 STAMP = Time(sec=12, nanosec=500_000_000)
 METRES = st.floats(-1000.0, 1000.0)
@@ -45,22 +28,25 @@ def nearly(angle: float, other: float) -> bool:
 
 @given(METRES, METRES, ANGLES)
 def test_pose_comes_back(x: float, y: float, theta: float) -> None:
-    message = pose_message(x, y, theta, STAMP)
+    message = messages.pose_message(x, y, theta, STAMP)
     assert (message.header.frame_id, message.header.stamp) == ("map", STAMP)
-    for one in (pose_of(message), pose_of(pose_message(x, y, theta, STAMP, "odom"), frame="odom")):
+    for one in (
+        messages.pose_of(message),
+        messages.pose_of(messages.pose_message(x, y, theta, STAMP, "odom"), frame="odom"),
+    ):
         assert one[:2] == (x, y)
         assert nearly(one[2], theta)
-    child = transform_message("map", "odom", (x, y, theta), STAMP)
-    assert transform_of(child)[:2] == ("map", "odom")
-    assert transform_of(child)[2][:2] == (x, y)
-    assert nearly(transform_of(child)[2][2], theta)
+    child = messages.transform_message("map", "odom", (x, y, theta), STAMP)
+    assert messages.transform_of(child)[:2] == ("map", "odom")
+    assert messages.transform_of(child)[2][:2] == (x, y)
+    assert nearly(messages.transform_of(child)[2][2], theta)
 
 
 def test_amcl_pose_is_read() -> None:
     message = PoseWithCovarianceStamped(header=Header(frame_id="map"))
     message.pose.pose.position.x = 3.0
     message.pose.pose.orientation.z, message.pose.pose.orientation.w = 1.0, 0.0
-    assert pose_of(message) == pytest.approx((3.0, 0.0, math.pi))
+    assert messages.pose_of(message) == pytest.approx((3.0, 0.0, math.pi))
 
 
 @pytest.mark.parametrize(
@@ -77,20 +63,20 @@ def test_amcl_pose_is_read() -> None:
     ],
 )
 def test_invalid_pose_is_refused_by_field(field: str, value: Any, complaint: str) -> None:
-    message, (parent, _, name) = pose_message(1.0, 2.0, 0.5, STAMP), field.rpartition(".")
+    message, (parent, _, name) = messages.pose_message(1.0, 2.0, 0.5, STAMP), field.rpartition(".")
     setattr(attrgetter(parent)(message), name, value)
     with pytest.raises(BadMessage) as refused:
-        pose_of(message)
+        messages.pose_of(message)
     assert complaint in str(refused.value)
 
 
 @given(st.tuples(*[st.floats(width=64)] * 7))
 def test_arbitrary_numbers_never_pass_checks(numbers: tuple[float, ...]) -> None:
-    message = pose_message(1.0, 2.0, 0.5, STAMP)
+    message = messages.pose_message(1.0, 2.0, 0.5, STAMP)
     p, q = message.pose.position, message.pose.orientation
     p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
     try:
-        x, y, theta = pose_of(message)
+        x, y, theta = messages.pose_of(message)
     except BadMessage:
         return
     assert max(abs(x), abs(y)) <= 1000.0
@@ -100,68 +86,68 @@ def test_arbitrary_numbers_never_pass_checks(numbers: tuple[float, ...]) -> None
 def test_clicked_point_is_a_position() -> None:
     message = PointStamped(header=Header(frame_id="map"))
     message.point.x, message.point.y = 1.5, -2.5
-    assert point_of(message) == (1.5, -2.5)
+    assert messages.point_of(message) == (1.5, -2.5)
     message.point.x = math.nan
     with pytest.raises(BadMessage, match="position x = nan"):
-        point_of(message)
+        messages.point_of(message)
 
 
 def test_word_is_trimmed_and_must_be_known() -> None:
-    assert word_of(String(data=" Returning_Home "), topics.STATE_WORDS) == "returning_home"
-    assert word_of(String(data="anything")) == "anything"
+    assert messages.word_of(String(data=" Returning_Home "), topics.STATE_WORDS) == "returning_home"
+    assert messages.word_of(String(data="anything")) == "anything"
     with pytest.raises(BadMessage, match="unknown word 'stop': one of disable, enable, reset_round, return_home"):
-        word_of(String(data="stop"), topics.COMMAND_WORDS)
+        messages.word_of(String(data="stop"), topics.COMMAND_WORDS)
     with pytest.raises(BadMessage, match="a word of 201 characters"):
-        word_of(String(data="x" * 201))
+        messages.word_of(String(data="x" * 201))
 
 
 @pytest.mark.parametrize("message", [Float32(data=math.nan), Float32(data=math.inf), Int32(data=6), Int32(data=-1)])
 def test_number_out_of_range_is_refused(message: Any) -> None:
-    assert number_of(Int32(data=5), 0, 5) == 5
+    assert messages.number_of(Int32(data=5), 0, 5) == 5
     with pytest.raises(BadMessage, match="must be within 0 and 5"):
-        number_of(message, 0, 5)
+        messages.number_of(message, 0, 5)
 
 
 @given(st.dictionaries(st.integers(0, 2**31 - 1), st.tuples(METRES, METRES), max_size=20))
 def test_pellets_come_back_in_order(pellets: dict[int, tuple[float, float]]) -> None:
-    message = markers_of(pellets, STAMP)
+    message = messages.markers_of(pellets, STAMP)
     assert message.markers[0].action == Marker.DELETEALL
     assert {m.ns for m in message.markers} == {"pellets"}
     for marker in message.markers[1:]:  # spheres of 12 cm
         assert (marker.type, marker.scale.x, marker.scale.z, marker.color.a) == (Marker.SPHERE, 0.12, 0.12, 1.0)
         assert marker.header.frame_id == "map"
-    assert list(pellets_of(message).items()) == list(pellets.items())
+    assert list(messages.pellets_of(message).items()) == list(pellets.items())
 
 
 def test_markers_add_change_and_delete_pellets() -> None:
-    message = markers_of({1: (0.0, 0.0), 2: (1.0, 0.0), 3: (2.0, 0.0)}, STAMP)
+    message = messages.markers_of({1: (0.0, 0.0), 2: (1.0, 0.0), 3: (2.0, 0.0)}, STAMP)
     message.markers.append(Marker(ns="pellets", id=2, action=Marker.DELETE))
-    message.markers.append(marker_message("pellets", 3, (2.5, 0.0), 0.12, (1.0, 1.0, 0.0), STAMP))
-    message.markers.append(marker_message("ghosts", 9, (5.0, 0.0), 0.4, (1.0, 0.5, 0.0), STAMP))
-    assert pellets_of(message) == {1: (0.0, 0.0), 3: (2.5, 0.0)}
+    message.markers.append(messages.marker_message("pellets", 3, (2.5, 0.0), 0.12, (1.0, 1.0, 0.0), STAMP))
+    message.markers.append(messages.marker_message("ghosts", 9, (5.0, 0.0), 0.4, (1.0, 0.5, 0.0), STAMP))
+    assert messages.pellets_of(message) == {1: (0.0, 0.0), 3: (2.5, 0.0)}
     message.markers.append(Marker(action=Marker.DELETEALL))
-    assert pellets_of(message) == {}
+    assert messages.pellets_of(message) == {}
 
 
 @pytest.mark.parametrize(
     ("message", "complaint"),
     [
-        (markers_of({4: (math.nan, 0.0)}, STAMP), "pellet 4: position x = nan"),
+        (messages.markers_of({4: (math.nan, 0.0)}, STAMP), "pellet 4: position x = nan"),
         (MarkerArray(markers=[Marker(ns="pellets", id=4)]), "pellet 4: frame ''"),
-        (markers_of({-1: (0.0, 0.0)}, STAMP), "pellet -1: ids start at 0"),
-        (markers_of(dict.fromkeys(range(3), (0.0, 0.0)), STAMP), "4 markers: at most 3"),
+        (messages.markers_of({-1: (0.0, 0.0)}, STAMP), "pellet -1: ids start at 0"),
+        (messages.markers_of(dict.fromkeys(range(3), (0.0, 0.0)), STAMP), "4 markers: at most 3"),
     ],
 )
 def test_invalid_pellets_are_refused_by_id(message: Any, complaint: str) -> None:
     with pytest.raises(BadMessage, match=complaint):
-        pellets_of(message, limit=3)
+        messages.pellets_of(message, limit=3)
 
 
 def test_cloud_comes_back_without_invalid_points() -> None:
     points = np.array([[1.0, 2.0], [np.nan, 0.0], [-3.5, 0.25]])
-    message = cloud_message(points, STAMP, z=0.1)
-    assert points_of(message).tolist() == [[1.0, 2.0], [-3.5, 0.25]]
-    assert points_of(cloud_message(np.zeros((0, 2)), STAMP)).shape == (0, 2)
+    message = messages.cloud_message(points, STAMP, z=0.1)
+    assert messages.points_of(message).tolist() == [[1.0, 2.0], [-3.5, 0.25]]
+    assert messages.points_of(messages.cloud_message(np.zeros((0, 2)), STAMP)).shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -175,29 +161,29 @@ def test_cloud_comes_back_without_invalid_points() -> None:
     ],
 )
 def test_invalid_cloud_is_refused(changes: dict[str, Any], complaint: str) -> None:
-    message = cloud_message(np.zeros((3, 2)), STAMP)
+    message = messages.cloud_message(np.zeros((3, 2)), STAMP)
     for name, value in changes.items():
         setattr(message, name, value)
     with pytest.raises(BadMessage, match=complaint):
-        points_of(message)
+        messages.points_of(message)
 
 
 @pytest.mark.parametrize("times", [[], [1.0, 2.0, 3.0], [1.0] * 6, [-1.0, 0.0, 0.0, 0.0], [0.0, math.nan, 0.0, 0.0]])
 def test_bad_times_of_ghosts_are_refused(times: list[float]) -> None:
-    assert ghost_times_of(Float64MultiArray(data=[3.0, 1.0, 0.0, 0.0]), 2).tolist() == [[3.0, 1.0], [0.0, 0.0]]
+    assert messages.ghost_times_of(Float64MultiArray(data=[3.0, 1.0, 0.0, 0.0]), 2).tolist() == [[3.0, 1.0], [0.0, 0.0]]
     with pytest.raises(BadMessage, match="times"):
-        ghost_times_of(Float64MultiArray(data=times), 2)
+        messages.ghost_times_of(Float64MultiArray(data=times), 2)
 
 
 def test_twist_is_forwards_and_to_the_left() -> None:
-    message = twist_message(0.3, -1.5, STAMP)
+    message = messages.twist_message(0.3, -1.5, STAMP)
     assert (message.twist.linear.x, message.twist.angular.z) == (0.3, -1.5)
     assert (message.header.frame_id, message.header.stamp) == ("base_link", STAMP)
 
 
 def test_times_are_seconds() -> None:
-    assert seconds_of(STAMP) == nanoseconds_of(STAMP) / 1e9 == 12.5
-    assert seconds_of(Duration(sec=-1, nanosec=250_000_000)) == -0.75
+    assert messages.seconds_of(STAMP) == messages.nanoseconds_of(STAMP) / 1e9 == 12.5
+    assert messages.seconds_of(Duration(sec=-1, nanosec=250_000_000)) == -0.75
 
 
 @pytest.mark.parametrize(

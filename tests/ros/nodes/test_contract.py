@@ -168,11 +168,9 @@ REFUSED: list[tuple[str, list[str], str]] = [
     (SIMULATOR, arguments(**HOUSE, preset="lunar"), "lunar"),
     (SIMULATOR, arguments(**HOUSE, home="1,2"), "must be x,y,heading"),
     (SIMULATOR, arguments(**HOUSE, fault="explode"), "explode"),
-    (SIMULATOR, arguments(**HOUSE, fault="clock_jump 5"), "needs use_sim_time"),
     (SIMULATOR, arguments(**BASE | {"navigation": "true"}), "needs navigation = false"),
     (SIMULATOR, arguments(**BASE, odometry_hz=30), "must be 0 or one of 20, 40, 50, 100"),
     (SIMULATOR, arguments(**BASE, dock="here"), "must be x,y,heading"),
-    (SIMULATOR, arguments(**BASE, fault="pose_lost"), "needs the simulated AMCL"),
 ]
 
 
