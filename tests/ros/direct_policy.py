@@ -2,7 +2,6 @@
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,7 @@ class DirectPolicy:
     def is_busy(self) -> bool:
         return bool(self._answers)
 
-    def wait(self, **ignored: Any) -> None:
+    def wait(self) -> None:
         try:
             self.policies = Policies(self.setup)
         except UNUSABLE as error:

@@ -58,14 +58,14 @@ class PacmanGame(ConfiguredNode):
         text = "largest age of a saved game that is resumed, s"
         max_age_s = parameter(self, "state_file_max_age_s", 60.0, text, 0.0, 86400.0)
         self._file = StateFile.of_node(self, "file of the saved game, to resume after a crash", max_age_s)
-        behaviours = behaviours_of(self.config.clyde.ghosts)
+        behaviours, ours = behaviours_of(self.config.clyde.ghosts), self._selects == OURS
         self._policy: AskedPolicy | None = None  # of the robot, and of ghosts
-        if self._selects == OURS or POLICY in behaviours:
-            self._policy = AskedPolicy(self, ask, self._on_answer, self._against_change, self._selects == OURS)
+        if ours or POLICY in behaviours:
+            self._policy = AskedPolicy(self, ask, self._on_answer, lambda: self.game.referee.state, ours)
         config = self.config.with_fields(**{"clyde.ghosts": behaviours})
         self.ghosts = GameGhosts(self, config, secrets.randbelow(2**31) if seed < 0 else seed, self._policy)
         select: Callable[[Report], GoalSelector] | None = None
-        if self._policy is not None and self._selects == OURS:
+        if self._policy is not None and ours:
             select = partial(GoalSelector, self, config, self._policy, home=home, limits=limits)
         self.game = RobotGame(self, config, self.ghosts, select, self._save)
         self._saved = self._load()  # a game to resume at the first tick, when the clock runs
@@ -79,7 +79,7 @@ class PacmanGame(ConfiguredNode):
         topics.RESET_GAME.server(self, partial(self._serve, self._reset, _RESET))
         self._diagnostics = Diagnostics(self, self._condition)
         if self._policy is not None:
-            self._policy.wait()
+            self._policy.process.wait()
         self.create_timer(_TICK_S, self._tick)
         self.create_timer(config.clyde.update_period_s, self.game.move_ghosts)
         self.create_timer(_REPEAT_S, self._repeat)
@@ -176,11 +176,6 @@ class PacmanGame(ConfiguredNode):
 
     def _on_speed(self, message: Any) -> None:
         self.game.perform(self.game.referee.base_clyde_speed(number_of(message, 0.0, MAX_SPEED_MPS)))
-
-    def _against_change(self) -> str:
-        """Return the reason why the policy cannot be changed now, or ""."""
-        state = self.game.referee.state
-        return "" if state == "menu" else f"the game is in state {state!r}, not menu"
 
     # Time
 

@@ -10,7 +10,6 @@ from rclpy.parameter import Parameter
 
 from pacman_env.engine.cache_folder import is_compiled
 from pacman_env.ros.configured_node import ConfiguredNode
-from pacman_env.ros.heartbeat import HEART, LONG_S
 from pacman_env.ros.selector.policy_child import Answer, PolicySetup
 from pacman_env.ros.selector.policy_process import PolicyProcess
 from pacman_env.ros.selector.reasons import POLICY_FAILS
@@ -30,10 +29,10 @@ class AskedPolicy:
         node: ConfiguredNode,
         make: Callable[..., PolicyProcess],
         deliver: Callable[[Answer], None],
-        may_change: Callable[[], str],  # returns the reason against another policy now, or ""
+        game_state: Callable[[], str | None],  # None: unknown
         chooses: bool = True,
     ) -> None:
-        self._node, self._make, self._deliver, self._may_change = node, make, deliver, may_change
+        self._node, self._make, self._deliver, self._game_state = node, make, deliver, game_state
         text = "policy: a registered name or an .onnx file; can be changed while the game is in the menu"
         self.spec: str = node.declare_parameter("policy", "ppo", ParameterDescriptor(description=text)).value
         self._next: PolicyProcess | None = None  # used once the parameter is set
@@ -42,15 +41,11 @@ class AskedPolicy:
         node.add_on_set_parameters_callback(self._check_parameters)
         node.add_post_set_parameters_callback(self._use_next)
         if not is_compiled():  # refuse a policy before anything is compiled; the child compiles for this process, too
-            self.wait()
+            self.process.wait()
 
     def _started(self, spec: str) -> PolicyProcess:
         preset, execution, settings = self._node.rules
         return self._make(PolicySetup(spec, self._node.map_yaml, preset, execution, settings), self._report)
-
-    def wait(self) -> None:
-        """Wait until the policies can be asked; raises ValueError if they cannot be used."""
-        self.process.wait(waiting=lambda: HEART.beat(LONG_S))
 
     def asked(self) -> None:
         """Deliver answers that come at once; others are delivered later."""
@@ -77,11 +72,12 @@ class AskedPolicy:
         for change in parameters:
             if change.name != "policy":
                 continue
-            if reason := self._may_change():
-                return SetParametersResult(successful=False, reason=f"policy: {reason}")
+            if (state := self._game_state()) not in ("menu", None):
+                reason = f"policy: the game is in state {state!r}, not menu"
+                return SetParametersResult(successful=False, reason=reason)
             loaded = self._started(change.value)
             try:
-                loaded.wait(waiting=lambda: HEART.beat(LONG_S))
+                loaded.wait()
             except ValueError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             self._next = loaded

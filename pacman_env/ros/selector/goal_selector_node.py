@@ -51,7 +51,9 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         LifecycleNodeMixin.__init__(self)
         home, limits = declare_home(self), declare_limits(self)
         autostart = parameter(self, "autostart", True, "activate at the start")
-        self._policy = AskedPolicy(self, ask, lambda answer: self.selector.on_answer(answer), self._against_change)
+        self._policy = AskedPolicy(
+            self, ask, lambda answer: self.selector.on_answer(answer), lambda: self.selector.executor.game_state
+        )
         report = self._log_report if self._shadows else published_reports(self)
         navigate = Shadow if self._shadows else NavigationClient
         self.selector = selector = GoalSelector(self, self.config, self._policy, report, home, limits, navigate)
@@ -64,7 +66,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
             self.listen(topic, handle, f"bad {topic.name}")
         topics.CONTINUE.server(self, selector.on_continue)
         Diagnostics(self, self._condition)
-        self._policy.wait()
+        self._policy.process.wait()
         self._tick_timer = self.create_timer(self.config.execution.tick_s, self._tick)
         self._tick_timer.cancel()
         self.create_timer(LOST_GOALS_S, selector.nav2.end_without_results)
@@ -137,10 +139,6 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
     def on_shutdown(self, state: Any) -> TransitionCallbackReturn:
         self.selector.activate(False)
         return super().on_shutdown(state)
-
-    def _against_change(self) -> str:
-        state = self.selector.executor.game_state
-        return "" if state in ("menu", None) else f"the game is in state {state!r}, not menu"
 
     def _condition(self) -> dict[str, Any]:
         stopped = self._operator is not None and self._operator.stopped

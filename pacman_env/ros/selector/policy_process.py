@@ -25,7 +25,7 @@ from pacman_env.engine.cache_folder import is_compiled
 from pacman_env.levels.assets import map_assets
 from pacman_env.observations.robot_view import RobotView
 from pacman_env.observations.situation import Situation
-from pacman_env.ros.heartbeat import WAITING, main_thread
+from pacman_env.ros.heartbeat import HEART, LONG_S, WAITING, main_thread
 from pacman_env.ros.memory import release_memory
 from pacman_env.ros.selector import policy_child
 from pacman_env.ros.selector.policy_child import ROBOT, SLOW_S, Answer, PolicySetup, Question, encode
@@ -128,11 +128,11 @@ class PolicyProcess:
         """True while ``poll`` must be called: a question is open, or the child is starting."""
         return bool(self._open) or not self.ready
 
-    def wait(self, limit_s: float = _STARTS_S, waiting: Callable[[], object] = lambda: None) -> None:
-        """Wait until the policies can be asked; raises ValueError if they cannot be used. Calls ``waiting`` often."""
-        deadline = time.monotonic() + limit_s
+    def wait(self) -> None:
+        """Wait until the policies can be asked; raises ValueError if they cannot be used. Only in the main thread."""
+        deadline = time.monotonic() + _STARTS_S
         while not self.ready:
-            waiting()
+            HEART.beat(LONG_S)
             self.poll(0.05)
             if self._failed or time.monotonic() > deadline:
                 reason = self.refusal or f"policy {self.setup.policy!r}: its process ended at the start"
