@@ -19,42 +19,34 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload([PRELOADED])
 
 
-class Forked:
-    """A running ``main()``, to be treated like a ``subprocess.Popen``.
+class Forked(_SERVER.Process):
+    """A running ``main()`` of a module, which returns the exit status; to be treated like a ``subprocess.Popen``.
 
-    Args:
-        module: has a ``main`` without arguments that returns the exit status.
-        arguments: of the command line, without the program's name.
-        environment: of the process.
-        log: gets stdout and stderr.
+    ``arguments`` are those of the command line, without the program's name. The file ``log`` gets stdout and stderr.
     """
 
     def __init__(self, module: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
-        self._process = _SERVER.Process(target=_run, args=(module, list(arguments), dict(environment), str(log)))
-        self._process.start()
-        self.pid = self._process.pid or 0
+        super().__init__(target=_run, args=(module, list(arguments), dict(environment), str(log)))
+        self.start()
 
     @property
     def returncode(self) -> int | None:
         """The exit status, negative of a signal; None: it still runs."""
-        return self._process.exitcode
+        return self.exitcode
 
     def poll(self) -> int | None:
-        return self._process.exitcode
+        return self.exitcode
 
     def wait(self, timeout: float | None = None) -> int:
-        self._process.join(timeout)
-        if self._process.exitcode is None:
-            raise subprocess.TimeoutExpired(str(self._process), timeout or 0.0)
-        return self._process.exitcode
+        self.join(timeout)
+        if self.exitcode is None:
+            raise subprocess.TimeoutExpired(self.name, timeout or 0.0)
+        return self.exitcode
 
     def send_signal(self, number: int) -> None:
         """Nothing happens if it has ended."""
         if self.poll() is None:
             os.kill(self.pid, number)
-
-    def kill(self) -> None:
-        self._process.kill()
 
 
 def _run(module: str, arguments: list[str], environment: dict[str, str], log: str) -> None:
