@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from tests.ros.played_round import Played
     from tests.ros.selector_game import Game
     from tests.ros.session import Session
     from tests.ros.simulated_robot.driven import Robot
@@ -67,17 +66,6 @@ def game(nodes: Session) -> Game:
     from tests.ros.selector_game import Game
 
     return Game(nodes)
-
-
-@pytest.fixture
-def played(domain: int, tmp_path: Path) -> Iterator[Played]:
-    """A round that has begun, with a Clyde that is no danger."""
-    from pacman_env.ros.game_nodes import GAME
-    from tests.ros import session
-    from tests.ros.played_round import SETTINGS, Played
-
-    with session.game(tmp_path, settings=SETTINGS, extra={GAME: {"diagnostics_rate": 5.0}}) as nodes:
-        yield Played(nodes)
 
 
 @pytest.fixture

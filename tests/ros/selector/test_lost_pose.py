@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,13 +14,46 @@ from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, SELECTOR
 from pacman_env.ros.message_conversion import pose_message, transform_message, uncertain_pose_message
 from pacman_env.ros.selector.nav2_failures import error_words
+from pacman_env.ros.simulated_robot.sim_robot import FAULT
 from pacman_env.ros.simulated_robot.sim_sensors import map_message
 from pacman_env.world.maps.occupancy import load_map
-from tests.ros.played_round import Played
+from tests.ros import session
 from tests.ros.selector_game import Game, house, pellet
+from tests.ros.session import Session
 
 LOST, FAILS, SILENT = "pose lost", "Nav2 fails", "no odometry"
 JUMPED, OTHER = "pose jumped", "another map"
+SETTINGS = ("show.start_s=1.0", "show.death_s=1.0", "clyde.speed_mps=0.02")
+
+
+class Played:
+    """A round in the simulated robot's world, with faults."""
+
+    def __init__(self, nodes: Session) -> None:
+        self.nodes = nodes
+        nodes.record(topics.GAME_STATE, topics.GAME_STATUS, topics.SCORE, topics.DIAGNOSTICS, topics.CMD_VEL)
+        assert nodes.call(topics.START_GAME).success
+        nodes.wait_for(lambda: "running" in nodes.values(topics.GAME_STATE), 60)
+        self.wait(lambda c: c["goals_sent"] > 0, "a goal")
+
+    @property
+    def condition(self) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(self.nodes.values(topics.DIAGNOSTICS)[-1])
+        return found
+
+    def wait(self, holds: Callable[[dict[str, Any]], Any], what: str, limit_s: float = 60.0) -> dict[str, Any]:
+        self.nodes.wait_for(lambda: holds(self.condition), limit_s, what)
+        return self.condition
+
+    def fault(self, text: str) -> None:
+        self.nodes.publish(FAULT, text)
+
+
+@pytest.fixture
+def played(domain: int, tmp_path: Path) -> Iterator[Played]:
+    """A round that has begun, with a Clyde that is no danger."""
+    with session.game(tmp_path, settings=SETTINGS, extra={GAME: {"diagnostics_rate": 5.0}}) as nodes:
+        yield Played(nodes)
 
 
 @pytest.mark.parametrize(
