@@ -58,11 +58,11 @@ publishes `shadow/...` instead of `goal_selector/...`.
 _NAV2 = (
     "its interface (1.3.13) against a recording: names, types, QoS, parameters, lifecycle; games with the simulated one"
 )
-_ELSE = "other distributions and middlewares; Ubuntu 24.04, x86_64 and aarch64, is for the workflow `colcon` on a host"
+_ELSE = "Humble, Kilted, Lyrical; other middlewares; Jazzy on Ubuntu 24.04 is for the workflow `colcon` on a host"
 TRIED = [
     ["ROS 2", "Jazzy from the wheels of PyPI (rclpy 7.1, Fast DDS), Python 3.11, Linux x86_64", _ELSE],
-    ["robot", "the simulated TurtleBot 4 of this package", "a real TurtleBot 4"],
-    ["Nav2", _NAV2, "a real Nav2, which is for the workflow `nav2` on a host"],
+    ["robot", "the simulated TurtleBot 4 of this package", "a TurtleBot 4, a TurtleBot 4 Lite, Gazebo"],
+    ["Nav2", _NAV2, "a real Nav2 since 0.20 ([validation](validation.md)); the workflow `nav2` is for a host"],
 ]
 PARAMETERS_INTRO = """\
 # All parameters of all nodes with their defaults; arrays, which have none, are comments. Copy and edit this file for

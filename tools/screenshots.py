@@ -135,7 +135,7 @@ def shoot(browser: Any, name: str) -> Image.Image:
 
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.screenshots", description="Take the screenshots of the operator's page.")
-    add_names(parser, "picture", SHOTS)
+    add_names(parser, "picture", [*SHOTS, "robot"])
     add_images(parser)
     return run_command(parser, argv, _shoot_all, "dev")
 
@@ -143,13 +143,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _shoot_all(arguments: argparse.Namespace) -> None:
     from playwright.sync_api import sync_playwright
 
+    from tools import robot_pictures  # needs ROS
+
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         raise ValueError("needs Chromium")
     arguments.out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
-        for name in arguments.names or SHOTS:
+        for name in arguments.names or [*SHOTS, "robot"]:
+            if name == "robot":
+                robot_pictures.save(browser, arguments.out)
+                continue
             path = arguments.out / f"{name}.png"
             shoot(browser, name).save(path, optimize=True)
             print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
