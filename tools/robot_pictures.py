@@ -57,7 +57,7 @@ def save(browser: Any, out: Path) -> None:
 def _session() -> Iterator[Session]:
     exact = ("localization.sigma_xy_m=0", "localization.sigma_yaw_rad=0")
     with tempfile.TemporaryDirectory() as folder, game(Path(folder), policy="ppo", seed=3, settings=exact) as session:
-        session.record(topics.MAP, topics.SCAN, topics.TF, topics.CLYDE_POSE, topics.PLAN)
+        session.record(topics.MAP, topics.SCAN, topics.TF, topics.CLYDE_POSE)
         session.record(topics.CLYDE_OBSTACLE, topics.CLYDE_TRAIL)
         session.advance(1.0)
         yield session
@@ -93,7 +93,7 @@ def _initial_pose(session: Session) -> Figure:
     """Draw a wrong initial pose next to a right one, and leave the robot with the right one."""
     figure = Figure(figsize=(9, 4.8), layout="constrained")
     right = Pose(*_believed(session))
-    wrong = Pose(right.x + 0.7, right.y - 0.5, right.heading + 0.5)
+    wrong = Pose(right.x + 1.0, right.y - 0.8, right.heading + 0.6)
     titles = "Wrong: the points lie beside the walls. Repeat it.", "Right: the points lie on the walls."
     for axes, title, pose in zip(figure.subplots(1, 2), titles, (wrong, right), strict=True):
         message = uncertain_pose_message(pose.x, pose.y, pose.heading, session.stamp(), (0.25, 0.25, 0.07))
@@ -107,7 +107,7 @@ def _initial_pose(session: Session) -> Figure:
 
 
 def _costmap(session: Session) -> Figure:
-    """Play until Clyde is near the robot, and draw the global costmap with the plan of the simulated Nav2."""
+    """Play until Clyde is near the robot, and draw the global costmap."""
     session.call(topics.START_GAME)
     session.advance(30.0)
     session.wait_for(lambda: math.dist(_clyde(session), _believed(session)[:2]) < 1.6)
@@ -117,13 +117,10 @@ def _costmap(session: Session) -> Figure:
     middle = (clyde + robot[:2]) / 2
     _view(axes, session, "Global costmap: Clyde is an obstacle, and his way behind him is free", middle, 2.4)
     costs, edges = _costs(session, middle, robot)
-    axes.imshow(np.ma.masked_equal(costs, 0), _COSTS, vmin=1, vmax=100, origin="lower", extent=edges, alpha=0.6)
+    axes.imshow(np.ma.masked_equal(costs, 0), _COSTS, vmin=1, vmax=100, origin="lower", extent=edges, alpha=0.8)
     last = [pose_of(one.message)[:2] for one in session.on(topics.CLYDE_POSE) if one.at > session.now_s - 3.0]
     axes.plot(*np.array(last).T, "--", color="#ff8c1a", linewidth=2)
-    axes.plot(
-        *np.array([pose_of(one)[:2] for one in session.latest(topics.PLAN).poses]).T, color="#00a000", linewidth=2
-    )
-    for name, place, radius_m, colour in (("robot", robot, 0.171, "#ffd500"), ("Clyde", clyde, 0.1, "#ff8c1a")):
+    for name, place, radius_m, colour in (("robot", robot, 0.171, "#ffd500"), ("Clyde", clyde, 0.05, "#ff8c1a")):
         axes.add_patch(Circle(place[:2], radius_m, facecolor=colour, edgecolor="black", zorder=4))
         axes.annotate(name, place[:2], (8, 12), textcoords="offset points", weight="bold", zorder=5)
     return figure
@@ -172,10 +169,10 @@ def _shoot_terminals(browser: Any, out: Path) -> None:
         f"<section><h1>{title}</h1><pre>$ pacman-env ros {' '.join(words)}\n{html.escape(text)}</pre></section>"
         for title, words, text in zip(_TITLES, ((*_UP, "--start"), *_QUESTIONS), texts, strict=True)
     ]
-    with browser.new_context(viewport={"width": 1500, "height": 700}, device_scale_factor=1.5) as context:
+    with browser.new_context(viewport={"width": 1500, "height": 700}, device_scale_factor=1.25) as context:
         page = context.new_page()
-        page.set_content(f"<style>{_CSS}</style><div>{''.join(windows[:2])}</div>{windows[2]}")
-        _store(page.locator("body").screenshot(), out / "robot-terminals.png")
+        page.set_content(f"<!doctype html><style>{_CSS}</style><div>{''.join(windows[:2])}</div>{windows[2]}")
+        _store(page.locator("body").screenshot(), out / "robot-terminals.webp")
 
 
 @contextmanager
@@ -199,6 +196,7 @@ def _shoot_page(browser: Any, out: Path) -> None:
 
         def shoot(name: str, state: str) -> None:
             page.wait_for_function(f"(({{frame, scene}}) => {state})(window.pacman?.state ?? {{}})", timeout=240_000)
+            page.evaluate("document.activeElement.blur()")
             page.wait_for_timeout(1500)
             _store(page.screenshot(), out / f"robot-{name}.webp")
 
@@ -211,5 +209,4 @@ def _shoot_page(browser: Any, out: Path) -> None:
 
 
 def _store(picture: bytes, path: Path) -> None:
-    image = Image.open(BytesIO(picture)).convert("RGB")
-    image.quantize(64, dither=Image.Dither.NONE).convert("RGB").save(path, quality=80, optimize=True)
+    Image.open(BytesIO(picture)).convert("RGB").save(path, quality=85)
