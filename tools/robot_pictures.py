@@ -20,6 +20,7 @@ from matplotlib.patches import Circle
 from numpy.typing import NDArray
 from PIL import Image
 
+from pacman_env.files import write_text
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import points_of, pose_of, transform_of, uncertain_pose_message
 from pacman_env.world.navigation.localization import compose
@@ -32,11 +33,7 @@ _ROS, _PORT = [sys.executable, "-m", "pacman_env.cli.main", "ros"], "8098"
 _UP = ("up", "--map", "house", "--policy", "ppo", "--sim", "--speed", "4")
 _QUESTIONS = (("status", "--sim"), ("doctor", "--sim", "--map", "house"))
 _TITLES = "Terminal 1: the game", "Terminal 2: its state", "Terminal 3: is everything ready?"
-_CSS = f"""body {{display: flex; gap: 14px; margin: 0; padding: 14px; width: max-content; background: #d8dde6}}
-div {{display: grid; gap: 14px; align-content: start}} section {{border-radius: 8px; overflow: hidden}}
-h1 {{margin: 0; padding: 7px 12px; font: 600 14px sans-serif; color: #fff; background: #3b465f}}
-pre {{margin: 0; padding: 10px 12px; font: 13px/1.35 monospace; width: {COLUMNS}ch; color: #eef;
-  background: #161b28}}"""
+_LINE_PX, _WINDOW_PX = 17, 24 + 8 * COLUMNS
 # Colours of RViz: a map from free to occupied, with unknown cells; a costmap from low cost to inscribed and lethal.
 _MAP = ListedColormap([(v, v, v) for v in np.linspace(0.98, 0.0, 101)]).with_extremes(under=(0.62, 0.67, 0.67))
 _COSTS = ListedColormap([*((v, 0.0, 1 - v) for v in np.linspace(0, 1, 98)), (0, 1, 1), (1, 0, 1)])
@@ -47,9 +44,10 @@ _CLOUDS = {topics.CLYDE_OBSTACLE.name: "clyde", topics.CLYDE_TRAIL.name: "clyde_
 def save(browser: Any, out: Path) -> None:
     """Write all pictures; ``browser`` is playwright's."""
     with _session() as session:
-        _initial_pose(session).savefig(out / "robot-pose.png", dpi=110)
-        _costmap(session).savefig(out / "robot-costmap.png", dpi=110)
-    _shoot_terminals(browser, out)
+        for name, draw in (("pose", _initial_pose), ("costmap", _costmap)):
+            draw(session).savefig(drawn := BytesIO(), dpi=110)
+            _store(drawn.getvalue(), out / f"robot-{name}.webp", lossless=True)
+    write_text(out / "robot-terminals.svg", _draw_terminals())
     _shoot_page(browser, out)
 
 
@@ -156,8 +154,8 @@ def _costs(session: Session, middle: Any, robot: Any) -> tuple[NDArray[np.float6
     return shown, (x, x + side * resolution, y, y + side * resolution)
 
 
-def _shoot_terminals(browser: Any, out: Path) -> None:
-    """Show the output of ``ros up``, and of two commands during its round, as windows."""
+def _draw_terminals() -> str:
+    """Return an SVG with the output of ``ros up``, and of two commands during its round; ``tools.site`` darkens it."""
     with _up("--start") as (terminal, logs):
         terminal.wait_for(lambda: terminal.shows("pellets 3/"), "a round")
         outputs = [
@@ -165,14 +163,22 @@ def _shoot_terminals(browser: Any, out: Path) -> None:
         ]
         lines = [line for line in terminal.lines if not re.match("starting|menu|running", line)] + terminal.lines[-1:]
     texts = ["\n".join(lines).replace(logs, "/home/you/.local/state/pacman_env/log/robot_15"), *outputs]
-    windows = [
-        f"<section><h1>{title}</h1><pre>$ pacman-env ros {' '.join(words)}\n{html.escape(text)}</pre></section>"
-        for title, words, text in zip(_TITLES, ((*_UP, "--start"), *_QUESTIONS), texts, strict=True)
-    ]
-    with browser.new_context(viewport={"width": 1500, "height": 700}, device_scale_factor=1.25) as context:
-        page = context.new_page()
-        page.set_content(f"<!doctype html><style>{_CSS}</style><div>{''.join(windows[:2])}</div>{windows[2]}")
-        _store(page.locator("body").screenshot(), out / "robot-terminals.webp")
+    tops, parts = (8, 8 + (len(lines) + 4) * _LINE_PX, 8), []
+    for k, (words, text) in enumerate(zip(((*_UP, "--start"), *_QUESTIONS), texts, strict=True)):
+        shown = [f"$ pacman-env ros {' '.join(words)}", *text.splitlines()]
+        x, y = 8 + (k // 2) * (_WINDOW_PX + 8), tops[k]
+        height = (len(shown) + 2) * _LINE_PX
+        parts += [
+            f'<rect x="{x}" y="{y}" width="{_WINDOW_PX}" height="{height}" rx="8" fill="#f6f8fa" stroke="#d0d7de"/>',
+            f'<text x="{x + 12}" y="{y + 18}" font-weight="bold" fill="#57606a">{_TITLES[k]}</text>',
+            *(
+                f'<text x="{x + 12}" y="{y + (n + 2) * _LINE_PX}" xml:space="preserve">{html.escape(line)}</text>'
+                for n, line in enumerate(shown)
+            ),
+        ]
+    size = f'viewBox="0 0 {2 * _WINDOW_PX + 24} {y + height + 8}"'
+    font = 'font-family="monospace" font-size="13" fill="#1b1f24"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {font}>\n{chr(10).join(parts)}\n</svg>\n'
 
 
 @contextmanager
@@ -208,5 +214,5 @@ def _shoot_page(browser: Any, out: Path) -> None:
         shoot("end", "!document.getElementById('end').hidden")
 
 
-def _store(picture: bytes, path: Path) -> None:
-    Image.open(BytesIO(picture)).convert("RGB").save(path, quality=85)
+def _store(picture: bytes, path: Path, **options: Any) -> None:
+    Image.open(BytesIO(picture)).convert("RGB").save(path, quality=75, method=6, **options)
