@@ -177,7 +177,7 @@ def status_rows(status_line: StatusLine, missing: Missing) -> str:
         "ghosts": None if caught is None else f"{caught} caught",
         "result": facts["result"],
         "Clyde": None if speed is None else f"{speed:.2f} m/s",
-        "pose": "none yet" if age_s is None else f"{_place(status_line.game.condition)}{age_s:.1f} s ago",
+        "pose": "none" if age_s is None else f"{_place(status_line.game.condition)}{age_s:.1f} s ago",
         "policy": facts["policy"],
         "selector": _selector(status_line.game.condition, facts["nodes"]),
         "nodes": ", ".join([*facts["nodes"], *(f"{name} (original)" for name in sorted(status_line.originals))]),

@@ -135,7 +135,7 @@ class StatusLine(ObserverNode):
         age_s, troubles = facts["pose_age_s"], [kind for kind in self.troubles if kind not in _IN_OTHER_WORDS]
         texts = {name: "-" if facts[name] is None else facts[name] for name in VALUES}
         texts |= dict.fromkeys(facts["invalid"], "?")
-        pose = "no pose yet" if age_s is None else f"pose {age_s:.1f} s ago" if pose_age else "pose known"
+        pose = "no pose" if age_s is None else f"pose {age_s:.1f} s ago" if pose_age else "pose known"
         if condition.get("selector", OURS) != OURS:
             pose = f"selector {condition['selector']}"
         parts = [

@@ -81,7 +81,7 @@ def test_status_line_shows_troubles(probe: Probe, status_line: StatusLine) -> No
     probe.publish(topics.GAME_STATE, "running")
     probe.publish(topics.DIAGNOSTICS, json.dumps(condition))
     assert status_line.spin_until(lambda: status_line.game.condition and status_line.state, PATIENCE_S)
-    assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose yet")
+    assert status_line.line(pose_age=False).endswith("pellets -/-  off the map  no pose")
 
 
 def test_silent_game_is_trouble(probe: Probe, status_line: StatusLine) -> None:
