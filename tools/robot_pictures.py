@@ -31,9 +31,9 @@ from tests.ros.supervisor.terminal import COLUMNS, Terminal
 
 _ROS, _PORT = [sys.executable, "-m", "pacman_env.cli.main", "ros"], "8098"
 _UP = ("up", "--map", "house", "--policy", "ppo", "--sim", "--speed", "4")
-_QUESTIONS = (("status", "--sim"), ("doctor", "--sim", "--map", "house"))
-_TITLES = "Terminal 1: the game", "Terminal 2: its state", "Terminal 3: is everything ready?"
-_LINE_PX, _WINDOW_PX = 17, 24 + 8 * COLUMNS
+_WINDOWS = {"the game": (*_UP, "--start"), "its state": ("status", "--sim")}
+_WINDOWS["is everything ready?"] = ("doctor", "--sim", "--map", "house")
+_LINE_PX, _WINDOW_PX, _FRAME = 17, 24 + 8 * COLUMNS, 'fill="#f6f8fa" stroke="#d0d7de"'
 # Colours of RViz: a map from free to occupied, with unknown cells; a costmap from low cost to inscribed and lethal.
 _MAP = ListedColormap([(v, v, v) for v in np.linspace(0.98, 0.0, 101)]).with_extremes(under=(0.62, 0.67, 0.67))
 _COSTS = ListedColormap([*((v, 0.0, 1 - v) for v in np.linspace(0, 1, 98)), (0, 1, 1), (1, 0, 1)])
@@ -158,27 +158,22 @@ def _draw_terminals() -> str:
     """Return an SVG with the output of ``ros up``, and of two commands during its round; ``tools.site`` darkens it."""
     with _up("--start") as (terminal, logs):
         terminal.wait_for(lambda: terminal.shows("pellets 3/"), "a round")
-        outputs = [
-            subprocess.run([*_ROS, *one], capture_output=True, text=True, check=True).stdout for one in _QUESTIONS
-        ]
+        ask = [[*_ROS, *words] for words in [*_WINDOWS.values()][1:]]
+        answers = [subprocess.run(one, capture_output=True, text=True, check=True).stdout for one in ask]
         lines = [line for line in terminal.lines if not re.match("starting|menu|running", line)] + terminal.lines[-1:]
-    texts = ["\n".join(lines).replace(logs, "/home/you/.local/state/pacman_env/log/robot_15"), *outputs]
-    tops, parts = (8, 8 + (len(lines) + 4) * _LINE_PX, 8), []
-    for k, (words, text) in enumerate(zip(((*_UP, "--start"), *_QUESTIONS), texts, strict=True)):
-        shown = [f"$ pacman-env ros {' '.join(words)}", *text.splitlines()]
-        x, y = 8 + (k // 2) * (_WINDOW_PX + 8), tops[k]
-        height = (len(shown) + 2) * _LINE_PX
-        parts += [
-            f'<rect x="{x}" y="{y}" width="{_WINDOW_PX}" height="{height}" rx="8" fill="#f6f8fa" stroke="#d0d7de"/>',
-            f'<text x="{x + 12}" y="{y + 18}" font-weight="bold" fill="#57606a">{_TITLES[k]}</text>',
-            *(
-                f'<text x="{x + 12}" y="{y + (n + 2) * _LINE_PX}" xml:space="preserve">{html.escape(line)}</text>'
-                for n, line in enumerate(shown)
-            ),
-        ]
-    size = f'viewBox="0 0 {2 * _WINDOW_PX + 24} {y + height + 8}"'
-    font = 'font-family="monospace" font-size="13" fill="#1b1f24"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {font}>\n{chr(10).join(parts)}\n</svg>\n'
+    texts = ["\n".join(lines).replace(logs, "/home/you/.local/state/pacman_env/log/robot_15"), *answers]
+    parts, x, y = [], 8, 8
+    for k, ((title, words), text) in enumerate(zip(_WINDOWS.items(), texts, strict=True)):
+        shown = [f"Terminal {k + 1}: {title}", f"$ pacman-env ros {' '.join(words)}", *text.splitlines()]
+        x, y = (x, y) if k < 2 else (_WINDOW_PX + 16, 8)  # the third window has a column of its own
+        height = (len(shown) + 1) * _LINE_PX
+        parts.append(f'<rect x="{x}" y="{y}" width="{_WINDOW_PX}" height="{height}" rx="8" {_FRAME}/>')
+        for n, line in enumerate(shown, start=1):
+            style = "xml:space='preserve'" if n > 1 else "font-weight='bold' fill='#57606a'"
+            parts.append(f'<text x="{x + 12}" y="{y + n * _LINE_PX + 2}" {style}>{html.escape(line)}</text>')
+        y += height + _LINE_PX
+    size = f'viewBox="0 0 {2 * _WINDOW_PX + 24} {y}" font-family="monospace" font-size="13" fill="#1b1f24"'
+    return "\n".join([f'<svg xmlns="http://www.w3.org/2000/svg" {size}>', *parts, "</svg>\n"])
 
 
 @contextmanager
