@@ -259,6 +259,17 @@ def test_end_card_fits_role_and_level(visit: Visit) -> None:
         assert ("ann" in other) == (role != "robot" and "second" in entry), name
 
 
+def test_end_card_shows_when_completed_robot_drives_home(
+    visit: Visit, simulated: SimulatedGame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated, "source", "ros")
+    page = visit()
+    frames = "['running', 'returning_home'].map((now) => ({...state.frame, state: now, collected: 9, spawned: 9}))"
+    page.value(f"{frames}.forEach((one) => state.emit('frame', one))")
+    assert page.page.get_attribute("#end", "data-won") == "true"
+    assert page.page.is_visible("#end")
+
+
 def test_request_for_control_is_refused_by_operator(visit: Visit) -> None:
     holder, other = visit(), visit(viewport={"width": 844, "height": 390})
     holder.press("lease-take")

@@ -148,8 +148,10 @@ for (const name of ["moment", "worse", "share"]) $(`end-${name}`).onclick = () =
 state.on("frame", (frame) => {
   if (["dying", "returning_home"].includes(frame.state)) last = frame;
   if (frame.state === lastState) return;
+  // A robot's game is in the state "complete" for less time than passes between two frames.
+  const won = frame.state === "complete" || (lastState === "running" && frame.state === "returning_home");
   lastState = frame.state;
-  const result = { complete: "complete", dying: "caught" }[lastState];
+  const result = won ? "complete" : lastState === "dying" && "caught";
   if (result && state.source === "ros") showResult({ ...frame, result });
   if (["starting", "running"].includes(lastState)) close();
   if (!$("end").hidden) showActions();
