@@ -205,7 +205,7 @@ NAMES = (*PICTURES, "round", "round-dark", "baselines")
 
 def save(name: str, path: Path, theme: Theme = "light") -> None:
     with replaced(prepare(path)) as temporary:
-        cv2.imwrite(str(temporary), PICTURES[name](theme)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
+        cv2.imwrite(str(temporary), PICTURES[name](theme)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -54,7 +54,10 @@ def save(browser: Any, out: Path) -> None:
 @contextmanager
 def _session() -> Iterator[Session]:
     exact = ("localization.sigma_xy_m=0", "localization.sigma_yaw_rad=0")
-    with tempfile.TemporaryDirectory() as folder, game(Path(folder), policy="ppo", seed=3, settings=exact) as session:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        game(Path(folder), "house", "ppo", 3, Session, settings=exact) as session,
+    ):
         session.record(topics.MAP, topics.SCAN, topics.TF, topics.CLYDE_POSE)
         session.record(topics.CLYDE_OBSTACLE, topics.CLYDE_TRAIL)
         session.advance(1.0)
@@ -119,8 +122,8 @@ def _costmap(session: Session) -> Figure:
     last = [pose_of(one.message)[:2] for one in session.on(topics.CLYDE_POSE) if one.at > session.now_s - 3.0]
     axes.plot(*np.array(last).T, "--", color="#ff8c1a", linewidth=2)
     for name, place, radius_m, colour in (("robot", robot, 0.171, "#ffd500"), ("Clyde", clyde, 0.05, "#ff8c1a")):
-        axes.add_patch(Circle(place[:2], radius_m, facecolor=colour, edgecolor="black", zorder=4))
-        axes.annotate(name, place[:2], (8, 12), textcoords="offset points", weight="bold", zorder=5)
+        axes.add_patch(Circle((place[0], place[1]), radius_m, facecolor=colour, edgecolor="black", zorder=4))
+        axes.annotate(name, (place[0], place[1]), (8, 12), textcoords="offset points", weight="bold", zorder=5)
     return figure
 
 
@@ -128,7 +131,7 @@ def _clyde(session: Session) -> NDArray[np.float64]:
     return np.array(pose_of(session.latest(topics.CLYDE_POSE))[:2])
 
 
-def _costs(session: Session, middle: Any, robot: Any) -> tuple[NDArray[np.float64], tuple[float, ...]]:
+def _costs(session: Session, middle: Any, robot: Any) -> tuple[NDArray[np.float64], tuple[float, float, float, float]]:
     """Return costs as RViz shows them (1 to 100; 0: free or unknown) and the edges, with config/nav2.yaml's layers."""
     parameters = nav2_yaml()["global_costmap"]
     cells, grid = _cells(session)
@@ -210,4 +213,4 @@ def _shoot_page(browser: Any, out: Path) -> None:
 
 
 def _store(picture: bytes, path: Path, **options: Any) -> None:
-    Image.open(BytesIO(picture)).convert("RGB").save(path, quality=75, method=6, **options)
+    Image.open(BytesIO(picture)).convert("RGB").save(path, quality=60, method=6, **options)
