@@ -16,7 +16,9 @@ from tools.common import ROOT
 
 Values = Any  # plain data, as JSON stores it
 _LEAGUE = ROOT / "docs" / "leaderboard.md"
-_GIVEN_MAPS = "`--map slam` plays on the [ten maps made by SLAM](maps.md#maps-made-by-slam) that `scripts/slam_maps` fetches."
+_GIVEN_MAPS = (
+    "`--map slam` plays on the [ten maps made by SLAM](maps.md#maps-made-by-slam) that `scripts/slam_maps` fetches."
+)
 _SUITE = "--suite brief --map slam --policies ppo lookahead clyde_aware nearest"
 
 _FEATURES = ("features", "search")  # planner features play the coarse model of the search
