@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pacman_env.config.yaml_files import read_yaml
 from pacman_env.plugins import suggest
 
 _CHECKOUT = Path(__file__).resolve().parents[2]
@@ -15,6 +14,8 @@ FOLDER = _CHECKOUT / "results" / "slam_maps"  # NAME/map.yaml and its image
 
 def listed_maps() -> dict[str, Any]:
     """Return the maps of ``eval/slam_maps.yaml`` by name, with the fields that the file describes."""
+    from pacman_env.config.yaml_files import read_yaml  # only then: it loads numpy, and `--help` should be quick
+
     return dict(read_yaml(_CHECKOUT / "eval" / "slam_maps.yaml"))
 
 

@@ -69,7 +69,7 @@ def test_changed_planner_is_reported_with_figure_and_page(capsys: pytest.Capture
     now = {**store.read()["house"]["inputs"], "planner": "another"}
     assert "house" in [name for name, _ in stale(store.read(), now)]
     assert check(store.read(), now) == 1
-    assert "house (README.md, docs/index.md, docs/model_card.md): planner" in capsys.readouterr().out
+    assert "house (README.md, docs/benchmark.md, docs/index.md, docs/model_card.md): planner" in capsys.readouterr().out
 
 
 def test_block_is_filled_inline_and_as_a_table() -> None:

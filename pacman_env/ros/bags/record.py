@@ -71,8 +71,9 @@ class McapFile:
 
     def flush(self) -> None:
         """Write everything so far to the disk, so that it can be read even if the process is killed."""
-        self._mcap.flush()
-        os.fsync(self._file.fileno())
+        if not self._file.closed:  # the recorder's timer may be due at its end
+            self._mcap.flush()
+            os.fsync(self._file.fileno())
 
     def close(self, version: int, metadata: str) -> None:
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata})
