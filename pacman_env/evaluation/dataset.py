@@ -173,8 +173,9 @@ def _dataset(arguments: argparse.Namespace, given: Sequence[str]) -> None:
     env = gym.make(env_id, disable_env_checker=True, **named)
     seeds = episode_seeds(arguments.seed, arguments.episodes) % np.uint64(SEEDS)
     tasks = tasks_of(arguments.policy, env, env_id, named, seeds)
-    # Everything is written in a hidden folder, which is renamed at the end.
-    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
+    # Everything is written in a hidden folder, which is renamed at the end. Minari joins relative folders twice.
+    parent = folder.parent.absolute()
+    with tempfile.TemporaryDirectory(dir=parent, prefix=f".{folder.name}.") as temporary, _minari_in(temporary):
         with executor_of(arguments) as executor, bar_of(executor, arguments.episodes, "round") as bar:
             dataset, notes = None, list[dict[str, Any]]()
             for buffers, added in executor.map(record, tasks):

@@ -77,8 +77,9 @@ def test_metadata_describes_how_data_was_made(opened: Any) -> None:
     assert "author" not in metadata
 
 
-def test_arrays_of_observation_become_groups(tmp_path: Path) -> None:
-    data = written(tmp_path, "--id", "PacManBot-v2", "--observation", "features", "grid", "--episodes", "1")
+def test_arrays_of_observation_become_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    data = written(Path("relative"), "--id", "PacManBot-v2", "--observation", "features", "grid", "--episodes", "1")
     (first,) = data
     assert data.observation_space.contains({key: array[0] for key, array in first.observations.items()})
     assert first.observations["grid"].dtype == np.uint8
