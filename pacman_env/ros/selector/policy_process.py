@@ -32,7 +32,8 @@ from pacman_env.ros.selector.policy_child import ROBOT, SLOW_S, Answer, PolicySe
 from pacman_env.sim.ghost_state import MapGhosts
 from pacman_env.world.maps.occupancy import OccupancyMap
 
-_STARTS_S = 250.0  # longest start, which may compile
+_STARTS_S = 250.0  # longest first start, which may compile
+_RESTARTS_S = 30.0
 _LONGEST_PAUSE_S = 10.0  # before a new start; it doubles with each failure within ``_SOON_S``
 _SOON_S = 60.0
 _ENDS_S = 0.05  # longest wait for the end of a killed child, or for the rest of an answer
@@ -166,7 +167,7 @@ class PolicyProcess:
         except (EOFError, OSError):
             return self._fail(f"its process {self._end_words()}")
         if answer is None:
-            limit_s = SLOW_S if self.ready else _STARTS_S
+            limit_s = SLOW_S if self.ready else _RESTARTS_S if self._number else _STARTS_S
             return self._fail(f"takes more than {limit_s:g} s to choose") if self._is_late(limit_s) else None
         self._open.popleft()
         if answer.error:
