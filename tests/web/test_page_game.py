@@ -24,10 +24,9 @@ def test_caught_ghost_is_eyes_that_return(visit: Visit, simulated: SimulatedGame
     assert sum("power pellet" in name or "frightened" in name for name in names) == 2
     page.press("guide-close")
     assert page.text("caught") == "0"
-    page.slide("speed", 20)
+    page.slide("speed", 3)  # at a higher speed, a busy machine may show no frame with the points
     page.press("start")
     page.wait("state.frame.harmless_s.every((left) => left > 0)", "frightened ghosts")
-    page.slide("speed", 3)
     page.wait("state.frame.points.length", "points where a ghost was caught")
     ghost = page.value("state.frame.away_s.findIndex((left) => left > 0)")
     page.wait(f"state.frame.away_s[{ghost}] === 0", "the ghost starts again")
