@@ -157,11 +157,11 @@ def describe_policy(policy: Policy, spec: str) -> dict[str, Any]:
     about: dict[str, Any] = {}
     kind = type(policy)
     if isinstance(policy, FlatPolicy):
-        return {"sha256": policy.sha256}
-    if isinstance(policy, LearnedPlanner):
+        about = {"sha256": policy.sha256}
+    elif isinstance(policy, LearnedPlanner):
         about = {"sha256": policy.metadata.sha256, "robot_speed_mps": policy.metadata.robot_speed_mps}
-        if kind is LearnedPlanner:
-            return about
+    if kind in (FlatPolicy, LearnedPlanner):
+        return about
     base = getattr(policy, "base", None)
     code = hash_of_code(kind.__module__, POLICIES.module_of(spec))  # the module of a factory contains the parameters
     about |= {"name": spec, "class": f"{kind.__module__}:{kind.__qualname__}", "code": code}
