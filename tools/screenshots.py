@@ -143,8 +143,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _shoot_all(arguments: argparse.Namespace) -> None:
     from playwright.sync_api import sync_playwright
 
-    from tools import robot_pictures  # needs ROS
-
     program = shutil.which("chromium") or shutil.which("google-chrome")
     if program is None:
         raise ValueError("needs Chromium")
@@ -153,6 +151,8 @@ def _shoot_all(arguments: argparse.Namespace) -> None:
         browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
         for name in arguments.names or [*SHOTS, "robot"]:
             if name == "robot":
+                from tools import robot_pictures  # only then: it needs ROS
+
                 robot_pictures.save(browser, arguments.out)
                 continue
             path = arguments.out / f"{name}.png"
