@@ -1,7 +1,7 @@
-"""What pyproject.toml cannot say: addresses, folders of data beside the package, an ament_python package for colcon.
+"""Build the package: addresses, data outside of the package folder, and an ament_python package for colcon.
 
-Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string in pyproject.toml, and colcon cannot read
-``requires-python`` there: so both are here.
+pyproject.toml cannot describe these. Ubuntu 24.04's setuptools (68) does not know a licence that is a plain string
+there, and colcon cannot read ``requires-python`` there: so both are here.
 """
 
 import re

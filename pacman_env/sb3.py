@@ -278,7 +278,7 @@ def export(model: BaseAlgorithm, path: str | os.PathLike[str]) -> None:
 def _observed_by(model: BaseAlgorithm) -> tuple[Config, list[VecNormalize]]:
     """Return the configuration of a model's games, and what normalizes their observations, the innermost first.
 
-    Raises ConfigError unless the observations are those of a flat environment that chooses goals.
+    Raises ConfigError unless the model observes a flat environment and chooses goals.
     """
     env: Any = model.get_env()
     normalizers: list[VecNormalize] = []

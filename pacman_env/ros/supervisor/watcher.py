@@ -61,7 +61,7 @@ class Watcher(BaseNode):
             self._halt()
 
     def _halt(self) -> None:
-        """Cancel all goals in Nav2, also those of other programs, and command zero velocity."""
+        """Cancel all goals in Nav2, also goals of other programs, and command zero velocity."""
         self._cmd_vel.publish(topics.CMD_VEL.type())
         if self._cancel.service_is_ready():
             self._cancel.call_async(self._cancel.srv_type.Request())  # all zero: every goal
