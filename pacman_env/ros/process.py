@@ -135,7 +135,8 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
         while not stop.asked and all(node.status is None for node in nodes):
             HEART.beat()
             executor.spin_once(timeout_sec=POLL_S)
-            stood_s, last_s = idle_s() - last_s, idle_s()
+            idle = idle_s()  # read once: a standstill between two readings would count for neither
+            stood_s, last_s = idle - last_s, idle
             if stood_s > longest_s and HEART.limit_s != LONG_S:  # otherwise a callback has waited for that long
                 nodes[0].get_logger().warning(f"stood still for {stood_s:.1f} s: others may have lost it, so it ends")
                 nodes[0].status = STOOD_STILL
