@@ -19,7 +19,7 @@ from pacman_env.web.played_round import PlayedRound
 from pacman_env.web.rules import Rules
 from pacman_env.web.vocabulary import scene_facts
 
-_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes 20 to 60 s."
+_COMPILING = "Preparing the first round. On a new computer the rules are compiled once, which takes up to a minute."
 NO_SCENE = Scene(1, {"map": None, "preparing": True, "notice": _COMPILING})
 
 #: Fields that change at the start of a tick. The others change at its end: a pellet is shown until it is reached.
