@@ -22,6 +22,7 @@ _PERIOD_S = 0.2
 #: Longest time that counts as silence between two looks. After a longer gap the observer itself did not run.
 _LONGEST_LOOK_S = 0.5
 _BEAT = struct.Struct("<iB")  # process number, limit (s)
+LONGEST_SEND = struct.pack("ll", 0, 500_000)  # s and us, C's timeval
 
 
 def watcher_address(namespace: str, domain: int) -> str:
@@ -45,16 +46,18 @@ class Heart:
         now_s = time.monotonic()
         if limit_s == self.limit_s and now_s < self._due_s:
             return
+        # A full queue (10 beats) loses a repetition, but a new promise waits: nothing would repeat it.
+        flags = socket.MSG_DONTWAIT if limit_s == self.limit_s else 0
         self.limit_s, self._due_s = limit_s, now_s + _PERIOD_S
         if not self._addresses:
             return
         signal.alarm(limit_s + HANGS_S if limit_s else 0)
         if self._socket is None:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, LONGEST_SEND)
         for address in self._addresses:
             with contextlib.suppress(OSError):  # no process listens there, or not fast enough
-                self._socket.sendto(_BEAT.pack(os.getpid(), limit_s), f"\0{address}")
+                self._socket.sendto(_BEAT.pack(os.getpid(), limit_s), flags, f"\0{address}")
 
 
 HEART = Heart()

@@ -1,7 +1,9 @@
 """When a process counts as frozen or dead; real processes are in ``supervisor/``."""
 
 import os
+import struct
 from contextlib import closing
+from threading import Thread
 from types import SimpleNamespace
 
 import pytest
@@ -54,3 +56,25 @@ def test_address_has_one_listener() -> None:
     address = f"pacman_env-test-{os.getpid()}"
     with closing(Listener(address)), pytest.raises(OSError, match="in use"):
         Listener(address)
+
+
+def test_new_promise_waits_for_room_in_the_queue(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, address = 0.0, f"pacman_env-test-{os.getpid()}"
+    monkeypatch.setattr(heartbeat, "time", SimpleNamespace(monotonic=lambda: now_s))
+    monkeypatch.setattr(heartbeat, "signal", SimpleNamespace(alarm=lambda seconds: None))
+    monkeypatch.setattr(heartbeat, "LONGEST_SEND", struct.pack("ll", 300, 0))
+    heart = Heart()
+    heart.send_to(address)
+    with closing(Listener(address)) as listener:
+        for _ in range(100):  # more repetitions than any queue keeps
+            now_s += LIMIT_S
+            heart.beat(LIMIT_S)
+        promise = Thread(target=heart.beat, args=[LONG_S])
+        promise.start()
+        promise.join(0.1)  # without a wait it would be over, and lost
+        while promise.is_alive():
+            listener.lost()
+        monkeypatch.setattr(heartbeat, "main_thread", lambda pid: ("S", 0.0))
+        for _ in range(10):
+            now_s += LIMIT_S
+            assert listener.lost() == {}

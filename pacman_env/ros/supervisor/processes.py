@@ -170,8 +170,8 @@ class ProcessGroup:
         return killed
 
     def _frozen(self, processes: Mapping[str, subprocess.Popen[bytes]]) -> list[str]:
-        lost = self._heartbeats.lost()
-        return [name for name, process in processes.items() if process.pid in lost and process.poll() is None]
+        lost = self._heartbeats.lost()  # 0 s: ended, though the kernel may still be ending its other threads
+        return [name for name, process in processes.items() if lost.get(process.pid) and process.poll() is None]
 
     def _log(self, name: str) -> Path:
         return self.logs / f"{name}.log"
