@@ -44,7 +44,7 @@ myst_enable_extensions: list[str] = []  # the theme adds to it
 suppress_warnings = ["myst.strikethrough"]
 
 default_role = "code"  # docstrings have `names` as Markdown does
-autodoc_mock_imports = ["stable_baselines3"]  # of the extra ``train``, which is 1 GB
+autodoc_mock_imports = ["stable_baselines3", "torch"]  # of the extra ``train``, which is 1 GB
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 toc_object_entries_show_parents = "hide"

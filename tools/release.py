@@ -7,11 +7,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pacman_env.command_line.command import Parser, run_command
+from pacman_env.config.validation import require
 from tools.common import ROOT, update
 
 
 def texts(version: str, date: str) -> Iterator[tuple[Path, str]]:
-    """Yield the files that contain the version, and their texts for a version and its date."""
+    """Yield the files that contain the version, and their texts for a version and its date; ValueError if invalid."""
+    require(bool(re.fullmatch(r"\d+\.\d+\.\d+", version)), "version", version, "must be three numbers such as 0.24.0")
     top, heading = r"## \[Unreleased\]", f"## [{version}] - {date}"
     for name, pattern, words in (
         ("pacman_env/_version.py", "__version__ = .*", f'__version__ = "{version}"'),

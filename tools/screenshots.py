@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
+from importlib.util import find_spec
 from typing import Any
 
 from PIL import Image
@@ -149,7 +150,8 @@ def _shoot_all(arguments: argparse.Namespace) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
-        for name in arguments.names or [*SHOTS, "robot"]:
+        every = [*SHOTS, "robot"] if find_spec("action_msgs") else SHOTS  # the robot's pictures need ROS
+        for name in arguments.names or every:
             if name == "robot":
                 from tools import robot_pictures  # only then: it needs ROS
 
