@@ -5,15 +5,18 @@ a later call with the same compiler and processor skips.
 """
 
 import hashlib
+import itertools
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
 from pacman_env.command_line.command import whole_number
 
 _STEPS = 12
+_LONGEST = 10  # kernels that --verbose prints
 _SHORT = {"time_limit_s": 4.0}  # short, so that rounds end and start
 _EVENTFUL = {
     **_SHORT,
@@ -33,26 +36,45 @@ def add_warm_up(commands: Any) -> None:
 
 
 def _report(robot: bool, houses: int, verbose: bool) -> int:
-    from numba.core.event import install_listener
+    from numba.core.event import install_recorder
 
-    from pacman_env.cli.compile_times import CompileTimes
     from pacman_env.engine.cache_folder import check_kept, kernel_folder, mark
     from pacman_env.engine.jit import require_compiler
 
     require_compiler()
-    parts, times = PARTS | ROBOT_PARTS if robot else PARTS, CompileTimes()
+    parts = PARTS | ROBOT_PARTS if robot else PARTS
     if verbose and (ahead := mark("compiled-ahead")) is not None:
         ahead.touch()  # no other process compiles for this one
-    with install_listener("numba:compile", times):
+    with install_recorder("numba:compile") as recorded:
         for name, work in parts.items():
             _compile(name, work)
     if verbose:
-        print(times)
+        print(_compile_times(recorded.buffer))
     print(f"cache folder: {kernel_folder()}")
     if houses:
         _prepare_houses(houses)
         check_kept()
     return 0
+
+
+def _compile_times(events: Sequence[tuple[float, Any]]) -> str:
+    """Return how long the slowest kernels took, from starts and ends of compilations and their times, s.
+
+    The kernels that a kernel calls count for themselves.
+    """
+    seconds: dict[str, float] = defaultdict(float)
+    running: list[str] = []  # the innermost kernel last
+    for (began_s, event), (ended_s, _) in itertools.pairwise(events):
+        if event.is_start:
+            kernel = event.data["dispatcher"].py_func
+            running.append(f"{kernel.__module__.removeprefix('pacman_env.')}.{kernel.__name__}")
+        else:
+            running.pop()
+        if running:
+            seconds[running[-1]] += ended_s - began_s
+    longest = sorted(seconds.items(), key=lambda one: -one[1])[:_LONGEST]
+    rows = [*longest, (f"all {len(seconds)} kernels", sum(seconds.values()))]
+    return "\n".join(f"{name:<48} {passed_s:5.1f} s" for name, passed_s in rows)
 
 
 def _compile(name: str, work: Callable[[], None]) -> None:
