@@ -9,20 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from pacman_env.config import Config
-from pacman_env.engine.jit import kernel
-from pacman_env.game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
-from pacman_env.observations.situation import PELLET, Situation
-from pacman_env.policies.base import (
-    KIND_NAMES,
-    BasePolicy,
-    Explanation,
-    Flags,
-    Floats,
-    Indices,
-    hold_index,
-    require_numbers,
-)
+from ..config import Config
+from ..engine.jit import kernel
+from ..game.goal_cost import SAFE, SKIPPED, TOTAL, ScorerParameters, is_threatening, score_situation
+from ..observations.situation import PELLET, Situation
+from ..policies.base import KIND_NAMES, BasePolicy, Explanation, Flags, Floats, Indices, hold_index, require_numbers
 
 #: Names of a candidate's terms in explanations, in the order of their columns.
 _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipped")

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.observations.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
-from pacman_env.observations.situation import PELLET, Situation
-from pacman_env.policies.base import BasePolicy, require_numbers
+from ..observations.prediction import APPROACHED, CAUGHT, CAUGHT_SOON, CLOSEST_MEAN, encounters
+from ..observations.situation import PELLET, Situation
+from ..policies.base import BasePolicy, require_numbers
 
 
 class LookaheadParameters(NamedTuple):

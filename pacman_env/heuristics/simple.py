@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.engine.jit import kernel
-from pacman_env.observations.situation import PELLET, Situation
-from pacman_env.policies.base import BasePolicy, Floats, Indices, require_numbers
-from pacman_env.rng import POLICY, stream, uniform
+from ..engine.jit import kernel
+from ..observations.situation import PELLET, Situation
+from ..policies.base import BasePolicy, Floats, Indices, require_numbers
+from ..rng import POLICY, stream, uniform
 
 
 class Nearest(BasePolicy):

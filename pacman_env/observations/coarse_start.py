@@ -9,19 +9,8 @@ from ..config import Config
 from ..engine.jit import kernel
 from ..levels.coarse_map import CoarseArrays, add_coarse_map
 from ..rng import POLICY, stream
-from ..sim.coarse_model import (
-    GHOST,
-    MOST_PELLETS,
-    NOWHERE,
-    ROBOT,
-    Behaviours,
-    Lags,
-    Model,
-    begin,
-    put_ghost,
-    put_robot,
-    rules,
-)
+from ..sim import coarse_model
+from ..sim.coarse_model import GHOST, NOWHERE, ROBOT, Behaviours, Lags, Model, begin, put_ghost, put_robot
 from .situation import PELLET, Situation, maps_of
 
 _LEAVE_M = 0.05
@@ -52,9 +41,9 @@ def start(
     s, level = situation, maps_of(situation).level(int(situation.level[i]))
     bit = np.full(level.facts.pellets + level.facts.refuges, -1, dtype=np.int8)
     pellets = np.flatnonzero(s.mask[i] & (s.kind[i] == PELLET) & np.isfinite(s.path_robot[i]) & (s.goal[i] >= 0))
-    pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][:MOST_PELLETS]
+    pellets = pellets[np.argsort(s.path_robot[i, pellets], kind="stable")][: coarse_model.MOST_PELLETS]
     bit[s.goal[i, pellets]] = np.arange(len(pellets))
-    numbers = rules(config, lags)
+    numbers = coarse_model.rules(config, lags)
     # A ghost within the margin has not caught the robot yet.
     numbers_of_ghosts = np.flatnonzero(~s.harmless[i])
     seen = s.ghosts[i, numbers_of_ghosts]

@@ -14,22 +14,11 @@ from ..engine.pipeline import Stage
 from ..plugins import Registry
 from ..sim.batch import GameBatch
 from ..world.navigation import lidar
+from . import robot_features
 from .learner_layout import MISSING, NearestCounts, nearest_candidates
 from .planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, MOST, maps_changed, planner_stage
 from .raster import CHANNELS, FRIGHTENED, PRESENT, Lengths, ShownGhosts, ShownPellets, raster_all, scan_all
-from .robot_features import (
-    CANDIDATE_POWER_COLUMNS,
-    COLUMNS,
-    GHOST_BEARING_COLUMNS,
-    GHOST_POWER_COLUMNS,
-    PELLET_BEARING_COLUMNS,
-    Columns,
-    Observation,
-    features_stage,
-    ghost_bearings,
-    pellet_bearings,
-    power_stage,
-)
+from .robot_features import COLUMNS, Columns, Observation, features_stage, ghost_bearings, pellet_bearings, power_stage
 from .situation import Situation
 
 _BELIEF_MARGIN_M = 2.0  # a believed pose lies at most this far outside the playable area ...
@@ -142,11 +131,11 @@ def _planner_stage(batch: GameBatch, situation: Situation, wanted: NDArray[np.bo
 def _bearing_parts(batch: GameBatch) -> dict[str, ObservationPart]:
     pellets, ghosts = batch.config.observation.nearest_pellets, len(batch.config.clyde.ghosts)
     parts = {
-        "pellet_bearings": _table_part(PELLET_BEARING_COLUMNS, (pellets,)),
-        "ghost_bearings": _table_part(GHOST_BEARING_COLUMNS, (ghosts,)),
+        "pellet_bearings": _table_part(robot_features.PELLET_BEARING_COLUMNS, (pellets,)),
+        "ghost_bearings": _table_part(robot_features.GHOST_BEARING_COLUMNS, (ghosts,)),
     }
     if batch.config.power.pellets > 0:
-        parts["pellet_power"] = _table_part(CANDIDATE_POWER_COLUMNS, (pellets,))
+        parts["pellet_power"] = _table_part(robot_features.CANDIDATE_POWER_COLUMNS, (pellets,))
     return parts
 
 
@@ -161,8 +150,8 @@ def _bearings(batch: GameBatch, situation: Situation) -> Observation:
 
 
 def _power_parts(batch: GameBatch) -> dict[str, ObservationPart]:
-    candidates = _table_part(CANDIDATE_POWER_COLUMNS, (batch.candidates,))._replace(by_candidate=True)
-    ghosts = _table_part(GHOST_POWER_COLUMNS, (len(batch.config.clyde.ghosts),))
+    candidates = _table_part(robot_features.CANDIDATE_POWER_COLUMNS, (batch.candidates,))._replace(by_candidate=True)
+    ghosts = _table_part(robot_features.GHOST_POWER_COLUMNS, (len(batch.config.clyde.ghosts),))
     return {"candidate_power": candidates, "ghost_power": ghosts}
 
 

@@ -16,19 +16,9 @@ from ..engine.pipeline import Pipeline, Stage
 from ..plugins import PluginError
 from ..sim.batch import GameBatch
 from ..sim.ticks import candidates_of
+from . import learner_layout
 from .kinds import FLAT, KINDS, MASK, CompiledKind, ObservationPart, kinds_shown, mask_part
-from .learner_layout import (
-    BETWEEN_BOUNDS,
-    BY_UNIT,
-    MISSING,
-    NOT,
-    PART,
-    CandidateArrays,
-    NearestCounts,
-    RowArrays,
-    list_candidates,
-    write_rows,
-)
+from .learner_layout import MISSING, PART, CandidateArrays, NearestCounts, RowArrays, list_candidates, write_rows
 from .robot_features import Observation, unit_scale
 from .situation import Situation, maps_of
 from .situation_writer import new_situation, situation_stage
@@ -249,12 +239,12 @@ class Observer:
 def _scale(key: str, part: ObservationPart, normalize: bool, time_limit_s: float) -> tuple[int, NDArray[np.float32]]:
     """Return the scale type of an array and the two scale values (2, ...) of each element."""
     if not normalize or key == MASK:
-        return NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
+        return learner_layout.NOT, np.zeros((2, int(np.prod(part.shape))), dtype=np.float32)
     if part.columns:
         numbers = unit_scale(part.columns, time_limit_s)
-        return BY_UNIT, np.tile(numbers, int(np.prod(part.shape[:-1])))
+        return learner_layout.BY_UNIT, np.tile(numbers, int(np.prod(part.shape[:-1])))
     low, high = (np.broadcast_to(side, part.shape).astype(np.float32).ravel() for side in (part.low, part.high))
-    return BETWEEN_BOUNDS, np.stack([(low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))])
+    return learner_layout.BETWEEN_BOUNDS, np.stack([(low + high) / 2, np.maximum((high - low) / 2, np.float32(1e-6))])
 
 
 def _check_scalable(key: str, part: ObservationPart) -> None:

@@ -18,32 +18,15 @@ from ..game.behaviour_belief import BELIEVED, WANDERS, comes, taken_for
 from ..game.ghosts import BEHAVIOURS, WANDER
 from ..levels.coarse_map import coarse_arrays
 from ..levels.level import COARSE_MAP
-from ..sim.coarse_model import (
-    GHOST,
-    MOST_PELLETS,
-    NOWHERE,
-    ROBOT,
-    RULES,
-    BehaviourArrays,
-    Behaviours,
-    Lags,
-    Model,
-    begin,
-    copy_ghosts,
-    lead_m,
-    new_behaviour_arrays,
-    play,
-    put_ghost,
-    put_robot,
-    rules,
-)
+from ..sim import coarse_model
+from ..sim.coarse_model import MOST_PELLETS, NOWHERE, Model, begin, copy_ghosts, lead_m, play, put_ghost, put_robot
 from .situation import HARMLESS, PELLET
 
 _FAR_S, _STAY_S, _AFTER_S = 30.0, 6.0, 8.0  # longest time played: to a candidate, while holding, after arriving
 _WAYS = 4  # goals tried after arriving
 _FAR_M = 10.0
 _APART_M = 0.05  # the model's death radius is at least this much below the distance of the nearest ghost
-_ROBOT = np.dtype(ROBOT)
+_ROBOT = np.dtype(coarse_model.ROBOT)
 #: Columns for each candidate: caught on the way; s until arrival or capture, at most 30; smallest distance of a ghost,
 #: m; lead on arrival, m by path; collected pellets; share of the survived continuations, and the lead, m, at the end of
 #: the best one.
@@ -54,13 +37,13 @@ COLUMNS = 7
 class OutlookArrays(NamedTuple):
     """Scratch memory and constants of one thread."""
 
-    rules: Any = Array(RULES, "2")  # with the margin of the death radius, and without it
+    rules: Any = Array(coarse_model.RULES, "2")  # with the margin of the death radius, and without it
     robots: Any = Array(_ROBOT, "3")  # at the start, on the way, after arriving
-    ghosts: Any = Array(GHOST, "3 g")
+    ghosts: Any = Array(coarse_model.GHOST, "3 g")
     goals: Any = Array(np.int64, f"{_WAYS}")
     bit: Any = Array(np.int8, "b")
     classes: Any = Array(np.int64, f"{len(BELIEVED)} 2")  # addresses of each behaviour's kernel and constants
-    behaviours: Any = BehaviourArrays
+    behaviours: Any = coarse_model.BehaviourArrays
     behaviours_table: Any = Array(np.int64, "t")  # ``behaviours`` as a table
 
 
@@ -68,8 +51,10 @@ class Outlook:
     """Memory of the outlook kernels for each thread, under one configuration."""
 
     def __init__(self, config: Config) -> None:
-        self._rules = np.concatenate([rules(config, Lags()), rules(config, Lags(death_margin_m=0.0))])
-        self._believed = Behaviours([BEHAVIOURS.get(name, BEHAVIOURS[WANDER]) for name in BELIEVED], config)
+        lags = coarse_model.Lags(), coarse_model.Lags(death_margin_m=0.0)
+        self._rules = np.concatenate([coarse_model.rules(config, one) for one in lags])
+        believed = [BEHAVIOURS.get(name, BEHAVIOURS[WANDER]) for name in BELIEVED]
+        self._believed = coarse_model.Behaviours(believed, config)
         self._tables: list[Table] = []  # of OutlookArrays, for each thread
 
     def memory(self, goals: int, ghosts: int, threads: int) -> list[NDArray[np.int64]]:
@@ -78,18 +63,18 @@ class Outlook:
         if own is None or own["ghosts"].shape[1] != ghosts or len(own["bit"]) != goals:
             self._tables = []
         while len(self._tables) < threads:
-            behaviours = new_behaviour_arrays(ghosts)
+            behaviours = coarse_model.new_behaviour_arrays(ghosts)
             self._tables.append(
                 Table(
                     OutlookArrays,
                     rules=self._rules.copy(),
-                    robots=np.zeros(3, dtype=ROBOT),
-                    ghosts=np.zeros((3, ghosts), dtype=GHOST),
+                    robots=np.zeros(3, dtype=coarse_model.ROBOT),
+                    ghosts=np.zeros((3, ghosts), dtype=coarse_model.GHOST),
                     goals=np.zeros(_WAYS, dtype=np.int64),
                     bit=np.zeros(goals, dtype=np.int8),
                     classes=self._believed.table.array("behaviours"),
                     behaviours=behaviours,
-                    behaviours_table=Table(BehaviourArrays, **behaviours._asdict()).numbers,
+                    behaviours_table=Table(coarse_model.BehaviourArrays, **behaviours._asdict()).numbers,
                 )
             )
         return [np.array([table.address]) for table in self._tables[:threads]]

@@ -18,18 +18,10 @@ from ..levels.assets import MapAssets
 from ..levels.level_source import FixedMap, LevelSource
 from ..world.navigation.physics import Contacts
 from ..world.navigation.planner import detour_memory
-from . import kernels, ticks
+from . import kernels, parameters, ticks
 from .game_levels import GameLevels
 from .ghost_state import spawn_ghost
-from .parameters import (
-    GAME,
-    KEPT_FROM_ROUND_TO_ROUND,
-    batch_parameters,
-    draw_episodes,
-    fright_steps,
-    next_seeds,
-    reward_record,
-)
+from .parameters import GAME, KEPT_FROM_ROUND_TO_ROUND, batch_parameters, draw_episodes, next_seeds, reward_record
 from .state import GameState
 
 ALL_TICKS = 2**62
@@ -165,7 +157,7 @@ class GameBatch(GameState):
         faster = self.config.clyde.speed_step_mps
         speeds = [clyde_speed_mps(g["base_clyde_speed"], faster, g["round"]) for g in fresh]
         fresh["clyde_speed"] = np.minimum(speeds, MAX_SPEED_MPS)
-        fresh["fright_time"] = [fright_steps(self.config, number) for number in fresh["round"].tolist()]
+        fresh["fright_time"] = [parameters.fright_steps(self.config, number) for number in fresh["round"].tolist()]
         self._start(index, next_seeds(completed["seed"]), fresh)
 
     def step(

@@ -9,23 +9,12 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from pacman_env.command_line.command import Parser
-from pacman_env.command_line.options import add_options, parse_options
-from pacman_env.config.validation import (
-    AtLeastOne,
-    Checked,
-    Count,
-    NotNegative,
-    Number,
-    Share,
-    convert,
-    kinds,
-    located,
-    require,
-)
-from pacman_env.config.yaml_files import read_yaml
-from pacman_env.files import shipped
-from pacman_env.training.lineups import LEARNED, LEAST_NODES, checked, read, searches, sub_batches
+from ..command_line.command import Parser
+from ..command_line.options import add_options, parse_options
+from ..config.validation import AtLeastOne, Checked, Count, NotNegative, Number, Share, convert, kinds, located, require
+from ..config.yaml_files import read_yaml
+from ..files import shipped
+from .lineups import LEARNED, LEAST_NODES, checked, read, searches, sub_batches
 
 Part = Literal["refuges", "hold", "paths", "prediction"]
 FOLDER = shipped("training/hyperparameters", "train/hyperparameters")

@@ -17,17 +17,17 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from pacman_env import __version__
-from pacman_env.config import make_config
-from pacman_env.config.validation import Number, located
-from pacman_env.files import replaced, write_json, write_text
-from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
-from pacman_env.observations.situation import Situation
-from pacman_env.policies.base import BasePolicy
-from pacman_env.policies.metadata import Training, dump, read
-from pacman_env.training.arguments import Arguments
-from pacman_env.training.games import VALIDATION_LEVEL, game_config
-from pacman_env.training.network import FORBIDDEN, EntityNetwork
+from .. import __version__
+from ..config import make_config
+from ..config.validation import Number, located
+from ..files import replaced, write_json, write_text
+from ..observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, planner_features
+from ..observations.situation import Situation
+from ..policies.base import BasePolicy
+from ..policies.metadata import Training, dump, read
+from .arguments import Arguments
+from .games import VALIDATION_LEVEL, game_config
+from .network import FORBIDDEN, EntityNetwork
 
 _PREFIX = "network."  # prefix of the weights' names
 _NEEDED = ("decisions", "against_league", "again")  # fields of segment records that are needed to resume

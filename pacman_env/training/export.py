@@ -17,15 +17,15 @@ import numpy as np
 import onnx
 import torch
 
-from pacman_env import __version__
-from pacman_env.command_line.command import Parser, run_command
-from pacman_env.config.validation import located
-from pacman_env.files import commit, prepare, replaced
-from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
-from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path
-from pacman_env.training.checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
-from pacman_env.training.network import EntityNetwork
+from .. import __version__
+from ..command_line.command import Parser, run_command
+from ..config.validation import located
+from ..files import commit, prepare, replaced
+from ..observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, VERSION
+from ..policies.learned import LearnedPlanner
+from ..policies.metadata import FORMAT, PlannerMetadata, dump, metadata_path
+from .checkpoint import Facts, check_sizes, facts_path, load_network, read_facts
+from .network import EntityNetwork
 
 OPSET = 17  # supported by onnxruntime 1.13 and newer
 TOLERANCE = 1e-5  # largest difference between the results of torch and of the file

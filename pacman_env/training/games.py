@@ -18,19 +18,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config, make_config
-from pacman_env.engine.cores import cores
-from pacman_env.envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
-from pacman_env.episodes.decisions import allowed
-from pacman_env.game.ghosts import GHOST_NAMES, POLICY, WANDER
-from pacman_env.levels.house_families import HOUSES, LONG_HOUSES, WIDE_HOUSES
-from pacman_env.observations.planner_features import CANDIDATE_FEATURES, planner_features
-from pacman_env.observations.situation_writer import situation_of
-from pacman_env.policies.base import Policy
-from pacman_env.policies.opponents import BehaviourOpponent
-from pacman_env.sb3 import PacManBotVecEnv
-from pacman_env.training.arguments import Arguments
-from pacman_env.training.lineups import LEARNED, SUB_BATCHES, read, sub_batches
+from ..config import Config, make_config
+from ..engine.cores import cores
+from ..envs.parallel_vec_env import PACMAN, PacManBotParallelVecEnv
+from ..episodes.decisions import allowed
+from ..game.ghosts import GHOST_NAMES, POLICY, WANDER
+from ..levels.house_families import HOUSES, LONG_HOUSES, WIDE_HOUSES
+from ..observations.planner_features import CANDIDATE_FEATURES, planner_features
+from ..observations.situation_writer import situation_of
+from ..policies.base import Policy
+from ..policies.opponents import BehaviourOpponent
+from ..sb3 import PacManBotVecEnv
+from .arguments import Arguments
+from .lineups import LEARNED, SUB_BATCHES, read, sub_batches
 
 CLYDE = GHOST_NAMES[0]
 _CHASE = BehaviourOpponent("chase")

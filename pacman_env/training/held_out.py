@@ -8,18 +8,18 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config
-from pacman_env.engine.cores import cores
-from pacman_env.episodes.rollout import episode_seeds, play_in
-from pacman_env.episodes.statistics import paired_difference, wilson
-from pacman_env.game.ends import COMPLETE
-from pacman_env.game.ghosts import POLICY
-from pacman_env.levels.level_source import TEST_LEVEL, GeneratedMaps
-from pacman_env.policies.base import Policy
-from pacman_env.sim.batch import GameBatch
-from pacman_env.training.arguments import Arguments
-from pacman_env.training.games import VALIDATION_LEVEL, game_config, lineup_settings
-from pacman_env.training.lineups import LEARNED, read
+from ..config import Config
+from ..engine.cores import cores
+from ..episodes.rollout import episode_seeds, play_in
+from ..episodes.statistics import paired_difference, wilson
+from ..game.ends import COMPLETE
+from ..game.ghosts import POLICY
+from ..levels.level_source import TEST_LEVEL, GeneratedMaps
+from ..policies.base import Policy
+from ..sim.batch import GameBatch
+from .arguments import Arguments
+from .games import VALIDATION_LEVEL, game_config, lineup_settings
+from .lineups import LEARNED, read
 
 _RULES = ("clyde_aware", "lookahead", "nearest")  # policies that the report compares with
 _HELD_OUT = 128  # number of levels for validation, and of levels for the report

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import torch
 
-from pacman_env.training.arguments import Hyperparameters
-from pacman_env.training.games import PlannerGames, start
-from pacman_env.training.lineups import make_teacher
-from pacman_env.training.network import EntityNetwork, PackedSituations, choose, joined
+from .arguments import Hyperparameters
+from .games import PlannerGames, start
+from .lineups import make_teacher
+from .network import EntityNetwork, PackedSituations, choose, joined
 
 if TYPE_CHECKING:
     from pacman_env.training.ppo import PPO

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.policies.learned import LearnedPlanner
-from pacman_env.policies.opponents import BehaviourOpponent, Opponents
-from pacman_env.training.arguments import Arguments
-from pacman_env.training.checkpoint import facts_of
-from pacman_env.training.export import export_planner
-from pacman_env.training.lineups import LEARNED
-from pacman_env.training.network import EntityNetwork
+from ..policies.learned import LearnedPlanner
+from ..policies.opponents import BehaviourOpponent, Opponents
+from .arguments import Arguments
+from .checkpoint import facts_of
+from .export import export_planner
+from .lineups import LEARNED
+from .network import EntityNetwork
 
 _GAMES, _STEPS = 128, 64  # Clyde's games, and decisions of each game per rollout
 _RATE = 1e-3, 1e-4  # Clyde's first and last learning rate

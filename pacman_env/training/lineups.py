@@ -10,11 +10,11 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from pacman_env.config.validation import located, require
-from pacman_env.game.ghosts import GHOST_NAMES, WANDER, find_behaviour
-from pacman_env.heuristics.search.search import SearchParameters
-from pacman_env.policies.base import Policy
-from pacman_env.policies.registry import make_policy
+from ..config.validation import located, require
+from ..game.ghosts import GHOST_NAMES, WANDER, find_behaviour
+from ..heuristics.search.search import SearchParameters
+from ..policies.base import Policy
+from ..policies.registry import make_policy
 
 LEARNED = "learned"  # behaviour of ghosts that a member of the league moves
 RULE = "lookahead"  # teacher if all ghosts wander, otherwise the base of ``search``

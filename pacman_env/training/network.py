@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.nn.functional import linear, pad
 
-from pacman_env.observations.robot_features import Observation
+from ..observations.robot_features import Observation
 
 T = TypeVar("T", bound="tuple[Any, ...]")
 FORBIDDEN = -1e8  # logit of a forbidden candidate, as in sb3-contrib

@@ -22,15 +22,15 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
-from pacman_env.command_line.command import guarded
-from pacman_env.engine.cores import cores
-from pacman_env.observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from pacman_env.policies.base import Policy
-from pacman_env.training.arguments import Arguments, Hyperparameters, parse
-from pacman_env.training.arguments import make_parser as make_parser
-from pacman_env.training.checkpoint import Run, TorchPlanner, facts_path, read_facts, restore
-from pacman_env.training.export import export_planner, start_from
-from pacman_env.training.games import (
+from ..command_line.command import guarded
+from ..engine.cores import cores
+from ..observations.planner_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from ..policies.base import Policy
+from .arguments import Arguments, Hyperparameters, parse
+from .arguments import make_parser as make_parser
+from .checkpoint import Run, TorchPlanner, facts_path, read_facts, restore
+from .export import export_planner, start_from
+from .games import (
     Ending,
     Games,
     clyde_limit,
@@ -41,11 +41,11 @@ from pacman_env.training.games import (
     make_parts,
     start,
 )
-from pacman_env.training.held_out import HeldOut, report
-from pacman_env.training.labels import imitate
-from pacman_env.training.league import League
-from pacman_env.training.lineups import make_teacher
-from pacman_env.training.network import EntityNetwork, PackedSituations, check, choose, joined, use_device
+from .held_out import HeldOut, report
+from .labels import imitate
+from .league import League
+from .lineups import make_teacher
+from .network import EntityNetwork, PackedSituations, check, choose, joined, use_device
 
 #: Returns, for the rows of a chunk, the chunk's part of the minibatch's loss and metrics.
 ChunkLoss = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]

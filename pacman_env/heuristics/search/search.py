@@ -6,16 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.config import Config
-from pacman_env.game.behaviour_belief import BELIEVED, taken_for
-from pacman_env.game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
-from pacman_env.observations.coarse_start import CoarseStart, draw_futures, start
-from pacman_env.observations.learner_layout import NearestCounts, nearest_candidates
-from pacman_env.observations.situation import Situation
-from pacman_env.policies.base import BasePolicy, Policy, require_numbers
-from pacman_env.policies.registry import make_policy
-from pacman_env.sim.coarse_model import Behaviours, Lags
-
+from ...config import Config
+from ...game.behaviour_belief import BELIEVED, taken_for
+from ...game.ghosts import POLICY, WANDER, Behaviour, find_behaviour
+from ...observations.coarse_start import CoarseStart, draw_futures, start
+from ...observations.learner_layout import NearestCounts, nearest_candidates
+from ...observations.situation import Situation
+from ...policies.base import BasePolicy, Policy, require_numbers
+from ...policies.registry import make_policy
+from ...sim.coarse_model import Behaviours, Lags
 from .beam import NODE, BeamMemory, new_memory, search
 
 _NARROWEST, _WIDEST = 4, 1024  # widths of a search with a time limit
