@@ -9,12 +9,13 @@ from __future__ import annotations
 import difflib
 import functools
 import importlib
+import operator
 import re
 import sys
 import warnings
 from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -76,25 +77,27 @@ class Registry(Generic[T]):
 
     def find(self, name: str) -> T:
         """Return the object with this name; raises PluginError if the name is unknown or the import fails."""
-        self._entry_points()  # to warn about an entry point with this name
+        points = self._entry_points()  # also warns about an entry point with this name
         own = self._own.get(name, name)
         if not isinstance(own, str):
             return own
+        module, _, attribute = own.partition(":")
+        is_reference = _REFERENCE.fullmatch(own)
         try:
-            thing: T = load(self.group, own)
-        except LookupError:
-            module = own.partition(":")[0]
-            if _REFERENCE.fullmatch(own) and not any(other.startswith(f"{module}:") for other in self.names()):
-                message = f"module {module} cannot be imported (is it installed or on PYTHONPATH?)"
-                raise PluginError(f"{self.sort} {name!r}: {message}") from None
-            raise PluginError(f"unknown {self.sort} {name!r}: {suggest(name, self.names(), self._others)}") from None
+            if own in points:
+                return points[own].load()
+            if is_reference and find_spec(module.partition(".")[0]) is not None:
+                return operator.attrgetter(attribute)(importlib.import_module(module))
         except Exception as error:  # the import of a plug-in may raise anything
             raise PluginError(f"{self.sort} {name!r}: {type(error).__name__}: {error}") from error
-        return thing
+        if is_reference and not any(other.startswith(f"{module}:") for other in self.names()):
+            message = f"module {module} cannot be imported (is it installed or on PYTHONPATH?)"
+            raise PluginError(f"{self.sort} {name!r}: {message}")
+        raise PluginError(f"unknown {self.sort} {name!r}: {suggest(name, self.names(), self._others)}")
 
     def _entry_points(self) -> Mapping[str, EntryPoint]:
         """Return the entry points by name; warn once about each one whose name is in use."""
-        points = _entry_points(self.group)
+        points = _entry_points_on(tuple(sys.path)).get(self.group, {})
         for name in sorted(self._own.keys() & points.keys() - self._hidden):
             self._hidden.add(name)
             point = points[name]
@@ -102,21 +105,6 @@ class Registry(Generic[T]):
             text = f"{self.sort} {name!r}: {source} is not used, because another {self.sort} has this name"
             warnings.warn(f"{text}: rename the entry point, or write {point.value}", RuntimeWarning, stacklevel=3)
         return points
-
-
-def load(group: str, name: str) -> Any:
-    """Load an entry point by name, or ``module:attribute``; raises LookupError if neither exists."""
-    point = _entry_points(group).get(name)
-    if point is not None:
-        return point.load()
-    module, _, attribute = name.partition(":")
-    if not _REFERENCE.fullmatch(name) or find_spec(module.partition(".")[0]) is None:
-        raise LookupError(name)
-    return functools.reduce(getattr, attribute.split("."), importlib.import_module(module))
-
-
-def _entry_points(group: str) -> Mapping[str, EntryPoint]:
-    return _entry_points_on(tuple(sys.path)).get(group, {})
 
 
 @functools.cache  # reading the metadata of all installed packages is slow
