@@ -9,6 +9,7 @@ import re
 import shlex
 import stat
 import tempfile
+import threading
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -120,11 +121,16 @@ def replaced(path: Path) -> Iterator[Path]:
         yield path
         return
     target = path.resolve()
-    temporary = target.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    temporary = target.with_name(f".{path.stem}.{threading.get_native_id()}{path.suffix}")
     try:
-        with _named(path, temporary):
-            yield temporary
-            os.replace(temporary, target)
+        yield temporary
+        os.replace(temporary, target)
+    except OSError as error:
+        # An error that names no file (full disk) or only the temporary file names ``path`` instead.
+        ours = error.filename is None or Path(os.fsdecode(error.filename)).is_relative_to(temporary)
+        if error.strerror is None or not ours or isinstance(error, BrokenPipeError):
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -136,20 +142,6 @@ def reason(error: OSError) -> str:
     if error.errno == errno.ENOENT and error.filename is None:  # raised by os.getcwd
         return "the current folder was deleted: change to another folder"
     return error.strerror if error.filename is None else f"{os.fsdecode(error.filename)}: {error.strerror}"
-
-
-@contextlib.contextmanager
-def _named(path: Path, temporary: Path) -> Iterator[None]:
-    """Let an OSError of the block name ``path`` if it names no file (full disk) or only the temporary file."""
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        ours = error.filename is None or Path(os.fsdecode(error.filename)).is_relative_to(temporary)
-        if error.strerror is None or not ours:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from error
 
 
 def _is_special(path: Path) -> bool:

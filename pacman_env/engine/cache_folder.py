@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .._version import __version__
-from ..files import replaced, user_folder
+from ..files import user_folder, write_text
 
 PACKAGE = Path(__file__).resolve().parents[1]
 _KEPT_S = 30 * 86400.0  # code that was not used for this time is removed
@@ -75,8 +75,7 @@ def source_hash() -> str:
     with contextlib.suppress(OSError):
         if known is not None:
             known.parent.mkdir(parents=True, exist_ok=True)
-            with replaced(known) as temporary:
-                temporary.write_text(found)
+            write_text(known, found)
     return found
 
 

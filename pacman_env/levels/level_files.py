@@ -10,7 +10,6 @@ import functools
 import hashlib
 import mmap
 import os
-import uuid
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from ..config import Config
 from ..engine.arrays import Table, address, declared
 from ..engine.cache_folder import cache_dir, check_kept, warn_unkept
+from ..files import replaced
 from .assets import MapAssets, configuration_key, prune
 from .coarse_map import CoarseArrays, add_coarse_map
 from .level import COARSE_MAP, PREDICTION, Level, LevelArrays, LevelFacts, PredictionArrays
@@ -71,7 +71,6 @@ class LevelFiles:
 
     def keep(self, number: int, level: Level) -> bool:
         """Write a level's file and return True; if the cache cannot be written, warn once and return False."""
-        temporary = None
         try:
             check_kept()  # do not try again after a failure
             level.add_prediction_arrays()
@@ -80,13 +79,9 @@ class LevelFiles:
             if not path.parent.is_dir():
                 path.parent.mkdir(parents=True, exist_ok=True)
                 prune(path.parent.parent, _KEEP_BYTES)
-            temporary = path.with_name(f".new-{uuid.uuid4().hex}")
-            _write(temporary, f"{self.key}-{number}", level)
-            os.replace(temporary, path)
+            with replaced(path) as temporary:
+                _write(temporary, f"{self.key}-{number}", level)
         except OSError as error:
-            if temporary is not None:
-                with contextlib.suppress(OSError):
-                    temporary.unlink()
             warn_unkept(error)
             return False
         return True
