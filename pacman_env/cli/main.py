@@ -139,14 +139,12 @@ def _add_web(commands: Any) -> None:
 
 
 def _web(arguments: argparse.Namespace) -> int:
+    import webbrowser
+
     from pacman_env.web.server import serve
 
     game = _robots_game(arguments) if arguments.ros else _simulated_game(arguments)
-    opened = None
-    if arguments.open:
-        import webbrowser
-
-        opened = webbrowser.open
+    opened = webbrowser.open if arguments.open else None
     try:
         serve(game, arguments.host, arguments.port, names=arguments.name, viewers=arguments.viewers, opened=opened)
     finally:

@@ -59,7 +59,7 @@ def _map_check(arguments: argparse.Namespace) -> int:
     except ValueError as error:
         refusal = str(error)
     if arguments.json:
-        print(json.dumps({**report.as_dict(), "refusal": refusal}, indent=2))
+        print(json.dumps({**dataclasses.asdict(report), "refusal": refusal}, indent=2))
     else:
         print(report.render(), *([f"cannot be played: {refusal}"] if refusal else []), sep="\n")
     return 1 if refusal else 0

@@ -31,7 +31,6 @@ EXTRA_OF = {
 }
 _MARKS = re.compile(r":\w+:`([^`]+)`")  # Sphinx roles
 _INTERFACES = ("_msgs", "_srvs", "_interfaces")  # suffixes of ROS packages
-MOST = 10**9  # largest count
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -119,11 +118,6 @@ def _path(text: str) -> Path:
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Return an argument type for whole numbers from ``least`` to ``most``."""
     return _ranged(int, "is not a whole number", least, most)
-
-
-def count() -> Callable[[str], int]:
-    """Return an argument type for counts from 1 to ``MOST``."""
-    return whole_number(1, MOST)
 
 
 def finite_number(least: float | None = None, most: float | None = None) -> Callable[[str], float]:

@@ -1,7 +1,5 @@
 """Examples of all commands, shown in their help, and first steps, shown by ``pacman-env`` without a command."""
 
-import textwrap
-
 from pacman_env.files import install_command
 
 PROG = "pacman-env"
@@ -92,12 +90,9 @@ def render(examples: list[Example]) -> str:
 def first_steps(version: str) -> str:
     """Return the text of ``pacman-env`` without a command."""
     shown = [(words, f"{purpose} [{extra}]" if extra else purpose) for words, purpose, extra in FIRST]
-    return textwrap.dedent("""\
-        pacman_env {version}: a robot plays Pac-Man on drawn, generated or your own maps. For example:
-
-        {examples}
-
-        Brackets show the extra that a command needs: {install}.
-        All commands: pacman-env --help. Arguments and examples of a command: pacman-env COMMAND --help.""").format(
-        version=version, examples=render(shown), install=install_command("eval")
+    return (
+        f"pacman_env {version}: a robot plays Pac-Man on drawn, generated or your own maps. For example:\n\n"
+        f"{render(shown)}\n\n"
+        f"Brackets show the extra that a command needs: {install_command('eval')}.\n"
+        "All commands: pacman-env --help. Arguments and examples of a command: pacman-env COMMAND --help."
     )

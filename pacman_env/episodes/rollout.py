@@ -7,7 +7,7 @@ import copy
 import functools
 import itertools
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -61,19 +61,17 @@ def play(
     seeds: NDArray[np.uint64],
     *,
     batch_size: int = BATCH,
-    on_end: Callable[[int], object] | None = None,
     num_threads: int = 1,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed with a policy, or with ``config.endless`` one game of at most ``MOST_ROUNDS`` rounds.
 
-    If ``config.decisions.when`` is ``event``, the policy decides at the same events as in the environment. ``on_end``
-    is called with the number of rounds that ended in a step.
+    If ``config.decisions.when`` is ``event``, the policy decides at the same events as in the environment.
 
     Returns records (E,) of type ``EPISODE`` in the order of the seeds, and times (T,) in ms of single decisions of the
     policy for a sample of situations. An endless game that has played all rounds ends as COMPLETE.
     """
     batch, ghosts = open_games(source, config, min(batch_size, len(seeds)), num_threads)
-    return play_in(batch, robot, seeds, ghosts=ghosts, on_end=on_end)
+    return play_in(batch, robot, seeds, ghosts=ghosts)
 
 
 def open_games(
@@ -90,7 +88,6 @@ def play_in(
     seeds: NDArray[np.uint64],
     *,
     ghosts: Mapping[int, Policy] = MappingProxyType({}),
-    on_end: Callable[[int], object] | None = None,
     timed: bool = True,
 ) -> tuple[NDArray, NDArray[np.float64]]:
     """Play one round per seed (E,) in existing games, at most one game per seed; return the same as :func:`play`.
@@ -144,8 +141,6 @@ def play_in(
             for player in players:
                 reset(player, np.isin(np.arange(n), restarted), batch.config)
             started += len(restarted)
-        if on_end is not None:
-            on_end(len(ended))
     return records, np.array(times_ms)
 
 

@@ -4,7 +4,7 @@ import contextlib
 import pickle
 import sys
 import warnings
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
@@ -35,7 +35,7 @@ class Done(Generic[Result]):
         return self.value  # type: ignore[return-value]
 
 
-class Executor(ABC):
+class Executor(contextlib.AbstractContextManager["Executor"]):
     """Runs calls of one function, each with one task.
 
     A task is plain data. Its result depends on the task alone and is its only effect, so a task may be done twice. An
@@ -66,9 +66,6 @@ class Executor(ABC):
     def close(self) -> None:
         """End all processes."""
         return
-
-    def __enter__(self) -> "Executor":
-        return self
 
     def __exit__(self, *_: Any) -> None:
         self.close()

@@ -14,16 +14,10 @@ _LOCAL = "local"
 
 def add_executor_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that :func:`executor_of` reads."""
-    parser.add_argument(
-        "--workers", type=whole_number(0), default=1, metavar="N", help="processes; 0: one for each core (1)"
-    )
-    parser.add_argument(
-        "--ray",
-        nargs="?",
-        const=_LOCAL,
-        metavar="ADDRESS",
-        help="play on the Ray cluster of this address; without one, on a cluster of this machine with N workers",
-    )
+    add = parser.add_argument
+    add("--workers", type=whole_number(0), default=1, metavar="N", help="processes; 0: one for each core (1)")
+    ray = "play on the Ray cluster of this address; without one, on a cluster of this machine with N workers"
+    add("--ray", nargs="?", const=_LOCAL, metavar="ADDRESS", help=ray)
 
 
 def without_executor(arguments: argparse.Namespace) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
+from functools import cached_property, partial
 from types import SimpleNamespace
 from typing import Any, Self
 
@@ -33,7 +33,7 @@ class Observer:
 
     def __init__(self, batch: GameBatch, config: ObservationConfig | None = None, *, ghost: bool = False) -> None:
         """Prepare the kinds of ``config`` (None: the batch's); ghosts always choose candidates. Raises ConfigError."""
-        self._made_from = batch, config, ghost
+        self._made_from = partial(Observer, ghost=ghost), (batch, config)
         self._batch = batch
         self._config = config = batch.config.observation if config is None else config
         self.nearest = (
@@ -73,12 +73,8 @@ class Observer:
         self.allowed = np.zeros((n, listed or candidates), dtype=np.int8)
         self._wanted = np.zeros((n, candidates), dtype=np.bool_)
 
-    def __getstate__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[Any, ...]:
         return self._made_from
-
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        batch, config, ghost = state
-        self.__init__(batch, config, ghost=ghost)  # type: ignore[misc]
 
     @property
     def by_python(self) -> bool:

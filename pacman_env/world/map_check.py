@@ -1,10 +1,8 @@
 """Check a map and its pellets before a game is played on it: areas, connected parts, reachability, warnings."""
 
 import contextlib
-import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,9 +43,6 @@ class MapReport:
     @property
     def unreachable(self) -> tuple[int, ...]:
         return tuple(p.id for p in self.pellets if not p.reachable)
-
-    def as_dict(self) -> dict[str, Any]:
-        return dataclasses.asdict(self)
 
     def render(self) -> str:
         """Return the report as plain text, one fact per line."""

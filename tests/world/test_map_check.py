@@ -1,3 +1,4 @@
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -191,7 +192,7 @@ def test_reachable_pellets_are_those_of_flood_fill(seed: int) -> None:
 
 def test_report_is_plain_data_and_text() -> None:
     report = check(two_rooms("#####"), (3, 3), (9, 3), home=(3, 3))
-    data = json.loads(json.dumps(report.as_dict()))
+    data = json.loads(json.dumps(dataclasses.asdict(report)))
     assert data["pellets"][1] == {"id": 1, "x": pytest.approx(0.9), "y": pytest.approx(0.4), "reachable": False}
     assert data["home"] == pytest.approx([0.35, 0.35])
     assert "unreachable" in report.render()
