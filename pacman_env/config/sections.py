@@ -401,11 +401,9 @@ class Groups(Checked):
     decisions: DecisionConfig = field(default_factory=DecisionConfig)
     show: ShowConfig = field(default_factory=ShowConfig)
     reward: RewardConfig = field(default_factory=RewardConfig)
-    ghost_reward: RewardConfig = field(
-        default_factory=lambda: RewardConfig(
-            pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0
-        ),
-        metadata={"description": "Rewards of each ghost that is an agent, if zero_sum is False."},
+    ghost_reward: RewardConfig = setting(
+        RewardConfig(pellet=0.0, death=10.0, completion=-5.0, tick=-0.002, timeout=-5.0, ghost_caught=-2.0),
+        "Rewards of each ghost that is an agent, if zero_sum is False.",
     )
     refuges: RefugeConfig = field(default_factory=RefugeConfig)
     randomize: RandomizeConfig = field(default_factory=RandomizeConfig)

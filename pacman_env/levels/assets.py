@@ -114,17 +114,13 @@ def configuration_key(config: Config) -> str:
     return json.dumps(relevant, sort_keys=True)
 
 
-def _key(occupancy: OccupancyMap, config: Config, home: tuple[float, float, float] | None) -> str:
-    return hashlib.sha256(f"{occupancy.hash} {home} {configuration_key(config)}".encode()).hexdigest()[:32]
-
-
 def map_assets(source: MapSource, config: Config, home: tuple[float, float, float] | None = None) -> MapAssets:
     """Return the assets of a map; ``home`` None means ``config.home``. Raises MapError, ConfigError."""
     occupancy = source if isinstance(source, OccupancyMap) else load_map(source)
     home = config.home if home is None else home
     if home is not None:
         home = _pose(home, occupancy.name)
-    key = _key(occupancy, config, home)
+    key = hashlib.sha256(f"{occupancy.hash} {home} {configuration_key(config)}".encode()).hexdigest()[:32]
     with _lock:
         if key in _assets:
             _assets.move_to_end(key)

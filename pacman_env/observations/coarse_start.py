@@ -27,12 +27,7 @@ class CoarseStart(NamedTuple):
 
 
 def start(
-    situation: Situation,
-    i: int,
-    config: Config,
-    behaviours: Behaviours,
-    lags: Lags,
-    robot: np.dtype[Any] | None = None,
+    situation: Situation, i: int, config: Config, behaviours: Behaviours, lags: Lags, robot: np.dtype[Any] | None = None
 ) -> CoarseStart:
     """Return the coarse game of situation ``i``, with a robot of the dtype ``robot`` (None: ROBOT).
 

@@ -161,10 +161,7 @@ class GameBatch(GameState):
         self._start(index, next_seeds(completed["seed"]), fresh)
 
     def step(
-        self,
-        actions: NDArray[Any],
-        ghost_choices: NDArray[Any] | None = None,
-        played: NDArray[np.bool_] | None = None,
+        self, actions: NDArray[Any], ghost_choices: NDArray[Any] | None = None, played: NDArray[np.bool_] | None = None
     ) -> None:
         """Play one tick with its physics steps; games that have ended stand still.
 

@@ -13,20 +13,8 @@ from ..engine.arrays import Array, Table, address, arrays_by_address, reals_at
 from ..engine.bucket_queue import SearchArrays
 from ..engine.jit import kernel
 from ..engine.native import address_of_kernel, call_range
-from ..game.ghosts import (
-    BEHAVIOURS,
-    FLEE,
-    POLICY,
-    WANDER,
-    Behaviour,
-    at_target,
-    choose_target,
-    find_behaviour,
-    ghost_stream,
-    spawn,
-    view_of,
-    walk,
-)
+from ..game import ghosts as rules
+from ..game.ghosts import POLICY, WANDER, at_target, choose_target, find_behaviour, spawn, view_of, walk
 from ..game.power import HARMLESS_UNTIL, is_away, is_frightened, is_harmless
 from ..levels.assets import MapAssets
 from ..levels.ghost_cells import find_path, search_memory
@@ -40,7 +28,7 @@ from .beliefs import watch as watch_ghosts
 from .kernels import believed, see_ghosts
 from .parameters import GAME, GHOST, PARAMETERS, batch_parameters
 
-_TABLE = tuple(entry for entry in BEHAVIOURS.values() if entry.target is not None and entry.name != FLEE)
+_TABLE = tuple(entry for entry in rules.BEHAVIOURS.values() if entry.target is not None and entry.name != rules.FLEE)
 BEHAVIOUR_NAMES = tuple(entry.name for entry in _TABLE)
 _FROM_OUTSIDE = -1  # instead of a kernel's address: a policy sends the ghost
 TO_WANDER, TO_CANDIDATE, AS_BEHAVIOUR, TO_CELL = range(4)  # kinds of a choice for a ghost that a policy sends
@@ -264,7 +252,7 @@ class Ghosts:
                 raise ConfigError(f"power.behaviour = {name!r}: must not be a behaviour that needs a policy")
             self._use(len(self._behaviours) - 1, frightened)
 
-    def _use(self, row: int, behaviour: Behaviour) -> None:
+    def _use(self, row: int, behaviour: rules.Behaviour) -> None:
         self._used[row] = behaviour_kernel(_follow_behaviour, behaviour)
         self._constants.append(np.array(behaviour.constants(self._config), dtype=np.float64))
         self._behaviours[row] = address_of_kernel(self._used[row]), address(self._constants[-1])
@@ -331,7 +319,7 @@ class Ghosts:
         raise RuntimeError(f"a ghost of game {game} could not decide where to go")
 
 
-_stream, _below = kernel(ghost_stream), kernel(below)
+_stream, _below = kernel(rules.ghost_stream), kernel(below)
 
 
 class MapGhosts:

@@ -178,7 +178,7 @@ def start(parts: Sequence[Games], seed: int, pool: ThreadPoolExecutor) -> None:
     list(pool.map(lambda part, k: part.reset(seed + k), parts, first.tolist()))
 
 
-def levels_to_repeat(endings: Iterable[Ending]) -> dict[str, list[int]]:
+def to_repeat(endings: Iterable[Ending]) -> dict[str, list[int]]:
     """Return the levels to play again by line-up, best first: at most half of the levels that the line-up met."""
     counts: dict[str, dict[int, tuple[int, int]]] = {}  # by line-up and level: completed rounds, all rounds
     for ending in endings:

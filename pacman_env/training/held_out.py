@@ -44,12 +44,7 @@ class HeldOut:
     """
 
     def __init__(
-        self,
-        arguments: Arguments,
-        rounds: int,
-        *,
-        test: bool = False,
-        ghosts: Sequence[str] | None = None,
+        self, arguments: Arguments, rounds: int, *, test: bool = False, ghosts: Sequence[str] | None = None
     ) -> None:
         lineups = arguments.hyper.lineups if ghosts is None else ghosts
         self._config = game_config(arguments).with_fields(**{"decisions.when": "tick"})

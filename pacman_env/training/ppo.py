@@ -30,17 +30,7 @@ from .arguments import Arguments, Hyperparameters, parse
 from .arguments import make_parser as make_parser
 from .checkpoint import Run, TorchPlanner, facts_path, read_facts, restore
 from .export import export_planner, start_from
-from .games import (
-    Ending,
-    Games,
-    clyde_limit,
-    dropped,
-    game_config,
-    levels_to_repeat,
-    make_ghost_parts,
-    make_parts,
-    start,
-)
+from .games import Ending, Games, clyde_limit, dropped, game_config, make_ghost_parts, make_parts, start, to_repeat
 from .held_out import HeldOut, report
 from .labels import imitate
 from .league import League
@@ -129,7 +119,7 @@ def train_segment(
         "completed": share,
         "completed_against": each,
         "against_league": league.record(segment, validation.seeds[of_league], completed[of_league], pool),
-        "again": levels_to_repeat(endings),
+        "again": to_repeat(endings),
         "clyde_limit_mps": clyde_limit(arguments, segment),
         "seconds": round(ended - began, 1),
         "decisions_per_s": round(speed),

@@ -22,9 +22,9 @@ from pacman_env.training.games import (
     clyde_limit,
     dropped,
     game_config,
-    levels_to_repeat,
     lineup_settings,
     make_parts,
+    to_repeat,
 )
 from tests.envs.helpers import QUICK
 from tests.training.stock import random_choices
@@ -225,14 +225,14 @@ def rounds(*counts: tuple[str, int, int, int]) -> list[Ending]:
 
 def test_half_completed_levels_are_repeated_first() -> None:
     chase = [(3, 1, 10), (5, 5, 10), (9, 0, 10), (2, 10, 10), (4, 3, 10), (1, 4, 9)]
-    found = levels_to_repeat(rounds(*(("chase", *one) for one in chase)))
+    found = to_repeat(rounds(*(("chase", *one) for one in chase)))
     assert found == {"chase": [5, 1, 4]}  # of six; 9 is never completed, 2 always
 
 
 def test_levels_with_few_rounds_are_not_repeated() -> None:
-    assert levels_to_repeat(rounds(("chase", 1, 2, 5), ("chase", 2, 3, 6))) == {"chase": [2]}
+    assert to_repeat(rounds(("chase", 1, 2, 5), ("chase", 2, 3, 6))) == {"chase": [2]}
 
 
 def test_repeated_levels_are_separate_for_each_lineup() -> None:
-    found = levels_to_repeat(rounds(("chase", 1, 3, 6), ("wander", 3, 3, 6), ("chase", 4, 2, 6)))
+    found = to_repeat(rounds(("chase", 1, 3, 6), ("wander", 3, 3, 6), ("chase", 4, 2, 6)))
     assert found == {"chase": [1], "wander": []}  # half of two, half of one
