@@ -161,15 +161,3 @@ def check_render_mode(render_mode: str | None, known: Sequence[str]) -> None:
     """Raise ValueError unless the render mode is None or in ``known``."""
     if render_mode is not None and render_mode not in known:
         raise ValueError(f"render_mode = {render_mode!r}: choose one of {known} or None")
-
-
-def is_count(value: Any) -> bool:
-    """Return True if ``value`` is a whole number of at least 1."""
-    return isinstance(value, (int, np.integer)) and not isinstance(value, bool) and bool(value >= 1)
-
-
-def checked_games(num_envs: Any) -> int:
-    """Return the number of games as an int; raises ValueError unless it is a whole number of at least 1."""
-    if not is_count(num_envs):
-        raise ValueError(f"num_envs = {num_envs!r}: must be a whole number of at least 1")
-    return int(num_envs)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from ..game.ends import RUNNING
 from ..observations.robot_features import Observation
 from ..render.window import RENDER_FPS
-from .arguments import EnvArguments, checked_games, is_count, takes_env_arguments
+from .arguments import EnvArguments, takes_env_arguments
 from .guard import exclusive, shared
-from .resets import ManyGames, Options, Seeds
+from .resets import ManyGames, Options, Seeds, whole_number
 from .rewards import Step
 from .spaces import checked_actions
 
@@ -59,11 +59,9 @@ class PacManBotVectorEnv(ManyGames, VectorEnv[Observation, NDArray[Any], NDArray
         copy: bool = True,
     ) -> None:
         """Create the games; raises ConfigError, MapError or ValueError for arguments that cannot be played."""
-        self.num_envs = num_envs = checked_games(num_envs)
-        if max_episode_steps is not None and not is_count(max_episode_steps):
-            raise ValueError(
-                f"max_episode_steps = {max_episode_steps!r}: must be a whole number of at least 1, or None"
-            )
+        self.num_envs = num_envs = whole_number(num_envs, "num_envs", 1)
+        if max_episode_steps is not None:
+            whole_number(max_episode_steps, "max_episode_steps", 1, more=", or None")
         more: dict[str, Any] = {"num_threads": num_threads, "copy": copy, "max_episode_steps": max_episode_steps}
         self._make_runner(num_envs, arguments, **more)
         self.autoreset_mode = AutoresetMode(autoreset_mode)

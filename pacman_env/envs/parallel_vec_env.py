@@ -14,9 +14,9 @@ from ..observations.kinds import MASK
 from ..observations.observer import Observer
 from ..observations.robot_features import FAST_MPS
 from ..render.window import RENDER_FPS
-from .arguments import EnvArguments, checked_games, takes_env_arguments
+from .arguments import EnvArguments, takes_env_arguments
 from .guard import exclusive, shared
-from .resets import ManyGames, Options, Seeds
+from .resets import ManyGames, Options, Seeds, whole_number
 from .rewards import Ends, Step
 from .spaces import checked_actions, state_limits
 
@@ -132,7 +132,7 @@ class PacManBotParallelVecEnv(SeveralAgents):
         num_threads: int = 1,
     ) -> None:
         """Create the games; raises ConfigError, MapError or ValueError for arguments that cannot be played."""
-        self.num_envs = checked_games(num_envs)
+        self.num_envs = whole_number(num_envs, "num_envs", 1)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             raise ValueError(f"autoreset_mode = {autoreset_mode}: must be AutoresetMode.SAME_STEP or DISABLED")

@@ -152,7 +152,7 @@ def of_game(observation: Any, game: int) -> Any:
 
 def checked_seed(seed: Any) -> int | None:
     """Return a seed of any integer type as an int, or None; raises ValueError for other values, True and False too."""
-    return None if seed is None else _whole_number(seed, "seed")
+    return None if seed is None else whole_number(seed, "seed")
 
 
 def one_for_each(seed: Any, games: int) -> list[int | None]:
@@ -179,7 +179,7 @@ def _numbers(given: Any, name: str, games: int) -> NDArray[np.uint64] | None:
     each = list(given) if _is_list(given) else [given] * games
     if len(each) != games:
         raise ValueError(f"options[{name!r}]: {len(each)} numbers for {games} games")
-    return np.array([_whole_number(one, f"options[{name!r}]", _MOST[name]) for one in each], dtype=np.uint64)
+    return np.array([whole_number(one, f"options[{name!r}]", most=_MOST[name]) for one in each], dtype=np.uint64)
 
 
 def _is_list(given: Any) -> bool:
@@ -188,12 +188,16 @@ def _is_list(given: Any) -> bool:
     return isinstance(given, Sequence) and not isinstance(given, (str, bytes))
 
 
-def _whole_number(given: Any, name: str, most: int | None = None) -> int:
+def whole_number(given: Any, name: str, least: int = 0, most: int | None = None, more: str = "") -> int:
+    """Return a number of any integer type as an int; raises ValueError for other values, True and False too.
+
+    ``more`` is the end of the message, which names what else the caller accepts.
+    """
     try:
-        number = -1 if isinstance(given, bool) else operator.index(given)
+        number = least - 1 if isinstance(given, bool) else operator.index(given)
     except TypeError:
-        number = -1
-    if number < 0 or (most is not None and number > most):
-        limits = "of at least 0" if most is None else f"from 0 to {most}"
-        raise ValueError(f"{name} = {given!r}: must be a whole number {limits}")
+        number = least - 1
+    if number < least or (most is not None and number > most):
+        limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+        raise ValueError(f"{name} = {given!r}: must be a whole number {limits}{more}")
     return number
