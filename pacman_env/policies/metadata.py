@@ -85,16 +85,11 @@ def read_planner(path: Path) -> tuple[PlannerMetadata, bytes]:
     if not beside.exists():
         raise ValueError(f"{path}: its metadata {beside.name} is missing (pacman-env export writes both)")
     metadata = read(PlannerMetadata, beside, _MAX_METADATA_BYTES)
-    known = {
-        "candidate_features": CANDIDATE_FEATURES,
-        "global_features": GLOBAL_FEATURES,
-        "dropped_features": CANDIDATE_FEATURES,
-        "dropped_kinds": CANDIDATE_FEATURES,
-    }
     with located(beside, ValueError):
         version = metadata.feature_version
         require(version == VERSION, "feature_version", version, f"must be {VERSION!r}")
-        for field, names in known.items():
+        for field in ("candidate_features", "global_features", "dropped_features", "dropped_kinds"):
+            names = GLOBAL_FEATURES if field == "global_features" else CANDIDATE_FEATURES
             for name in getattr(metadata, field):
                 require(name in names, field, name, f"must be names of these features: {', '.join(names)}")
     if metadata.sha256 != hashlib.sha256(model).hexdigest():
