@@ -9,8 +9,8 @@ import re
 import shlex
 import stat
 import tempfile
-import threading
 import warnings
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -121,7 +121,7 @@ def replaced(path: Path) -> Iterator[Path]:
         yield path
         return
     target = path.resolve()
-    temporary = target.with_name(f".{path.stem}.{threading.get_native_id()}{path.suffix}")
+    temporary = target.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, target)

@@ -3,6 +3,9 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..config import ExecutionConfig
 
 #: Columns of a candidate's terms; the last two are 0 or 1.
@@ -33,11 +36,19 @@ def is_threatening(distance_m: float, closing_mps: float, was: bool, p: ScorerPa
     return distance_m <= p.warning_radius_m + margin and closing_mps >= p.approach_speed_mps
 
 
-def score_situation(robot, clyde, position, threatened, documented, p, terms):  # type: ignore[no-untyped-def]
+def score_situation(
+    robot: NDArray[np.float64],
+    clyde: NDArray[np.float64],
+    position: NDArray[np.float64],
+    threatened: bool,
+    documented: bool,
+    p: ScorerParameters,
+    terms: NDArray[np.float64],
+) -> None:
     """Fill ``terms`` (C, 6) for the candidates at ``position`` (C, 2) of one situation.
 
-    ``robot`` (3,) and ``clyde`` (2,) are pose and position, m and rad; ``documented`` selects the formula with the
-    parameters ``p``. If Clyde's position is NaN (unknown), there is no risk and every direction is safe.
+    ``robot`` (3,) and ``clyde`` (2,) are pose and position, m and rad; ``documented`` selects the formula. If Clyde's
+    position is NaN (unknown), there is no risk and every direction is safe.
     """
     to_clyde_x, to_clyde_y = clyde[0] - robot[0], clyde[1] - robot[1]
     robot_clyde = math.hypot(to_clyde_x, to_clyde_y)

@@ -20,7 +20,16 @@ _TERMS = ("distance", "clyde_risk", "direction_penalty", "total", "safe", "skipp
 
 
 @kernel
-def rate_batch(robot, clyde, closing_speed, position, documented, p, terms, threatened):  # type: ignore[no-untyped-def]
+def rate_batch(
+    robot: Floats,
+    clyde: Floats,
+    closing_speed: Floats,
+    position: Floats,
+    documented: bool,
+    p: ScorerParameters,
+    terms: Floats,
+    threatened: Flags,
+) -> None:
     """Write ``terms`` (N, C, 6) and update the threat flags ``threatened`` (N,); other arrays as in ``Situation``."""
     for n in range(len(robot)):
         distance = math.hypot(clyde[n, 0] - robot[n, 0], clyde[n, 1] - robot[n, 1])
