@@ -9,8 +9,8 @@ import re
 import shlex
 import stat
 import tempfile
-import warnings
 import uuid
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
