@@ -60,8 +60,11 @@ def wheels() -> Path:
     stamp, wanted = folder / "stamp", hashlib.sha256(texts).hexdigest()
     if not stamp.exists() or stamp.read_text() != wanted:
         shutil.rmtree(folder, ignore_errors=True)
-        pip = (sys.executable, "-m", "pip", "wheel", "--quiet", "--wheel-dir", folder, "-c", "constraints.txt")
-        call(*pip, ".[dev,ros,web]", "setuptools>=77", "jupyterlab", "pre-commit", cwd=ROOT)
+        pip, pinned = (sys.executable, "-m", "pip"), ("--quiet", "-c", "constraints.txt")
+        every = ".[dev,ros,web]", "setuptools>=77", "wheel", "jupyterlab", "pre-commit"
+        call(*pip, "wheel", *pinned, "--wheel-dir", folder, *every, cwd=ROOT)
+        # scripts/docs compiles the sources of pymunk.
+        call(*pip, "download", *pinned, "--no-deps", "--no-binary=pymunk", "--dest", folder, "pymunk", cwd=ROOT)
         for own in folder.glob("pacman_env-*"):
             own.unlink()
         stamp.write_text(wanted)
