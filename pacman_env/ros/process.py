@@ -30,6 +30,7 @@ POLL_S = 0.2  # longest delay until a signal is noticed
 LEASE = "PACMAN_ENV_LEASE_S"  # environment variable
 DEFAULT_LEASE_S = 20.0  # Fast DDS's leaseDuration
 STOOD_STILL = 75  # exit status: EX_TEMPFAIL of sysexits.h
+CRASHED = 1  # exit status of Python after an exception
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)  # CLOCK_BOOTTIME also counts sleep
 
 
@@ -140,6 +141,9 @@ def _spin(nodes: Sequence[BaseNode], stop: StopSignals, longest_s: float) -> Non
             if stood_s > longest_s and HEART.limit_s != LONG_S:  # otherwise a callback has waited for that long
                 nodes[0].get_logger().warning(f"stood still for {stood_s:.1f} s: others may have lost it, so it ends")
                 nodes[0].status = STOOD_STILL
+    except Exception:
+        nodes[0].status = CRASHED  # for its last messages
+        raise
     finally:
         HEART.beat(LONG_S)
         end = time.monotonic() + LAST_MESSAGES_S

@@ -45,6 +45,7 @@ class LastMessagesNode(BaseNode):
             raise ZeroDivisionError("a callback that fails")
 
     def last_messages(self) -> Iterable[Any]:
+        self.state.publish(String(data=f"status {self.status}"))
         for i in range(self.words):
             self.commands.publish(String(data=f"last {i}"))
         return [self.reset.call_async(topics.RESET_GAME.type.Request())] if self.call else []

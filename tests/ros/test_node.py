@@ -19,7 +19,7 @@ from pacman_env.config import make_config, parse_settings
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, SELECTOR
 from pacman_env.ros.node import BaseNode, Once
-from pacman_env.ros.process import LEASE, STOOD_STILL, event_executor
+from pacman_env.ros.process import CRASHED, LEASE, STOOD_STILL, event_executor
 from tests.ros.session import Session
 from tests.ros.system import Probe, Process, System
 
@@ -83,6 +83,7 @@ def test_failing_callback_ends_node_after_last_messages(probe: Probe, system: Sy
     assert process.wait() == 1
     system.processes.clear()
     probe.wait_for(lambda: probe.values(topics.GAME_COMMAND) == ["last 0"], what="the last messages")
+    assert probe.value(topics.GAME_STATE) == f"status {CRASHED}"
 
 
 def test_signal_interrupts_making_of_node(probe: Probe, system: System) -> None:

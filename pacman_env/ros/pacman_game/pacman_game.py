@@ -29,7 +29,7 @@ from pacman_env.ros.operator_stop import OperatorStop
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
 from pacman_env.ros.pacman_game.robot_game import RobotGame
 from pacman_env.ros.pacman_game.state_file import StateFile
-from pacman_env.ros.process import STOOD_STILL, run
+from pacman_env.ros.process import run
 from pacman_env.ros.selector.asked_policy import AskedPolicy
 from pacman_env.ros.selector.diagnostics import Diagnostics, selector_condition
 from pacman_env.ros.selector.goal_selector import GoalSelector, Report, declare_home
@@ -201,12 +201,14 @@ class PacmanGame(ConfiguredNode):
         return condition | {"shadow": False}
 
     def last_messages(self) -> Iterable[Any]:
-        """Stop robot and lights at the end, and remove the saved game; a game that stood still is saved instead."""
+        """Stop robot and lights at the end, and remove the saved game; a game that failed is saved instead."""
         if self._policy is not None:
             self._policy.process.close()
-        if self.status != STOOD_STILL:
+        if self.status is None:  # stopped by a signal
             self._file.remove()
             self.game.close()
+        else:
+            self._save()
         return () if self.game.selector is None else self.game.selector.close()
 
 

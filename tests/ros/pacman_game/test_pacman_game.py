@@ -14,6 +14,7 @@ from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME
 from pacman_env.ros.message_conversion import pellets_of
+from pacman_env.ros.process import CRASHED, STOOD_STILL
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.session import Session
 
@@ -212,6 +213,17 @@ def test_stop_survives_kill_until_release(nodes: Session, tmp_path: Path) -> Non
     nodes.start(GAME, **up_again)
     nodes.advance(0.1)
     assert not json.loads(nodes.value(topics.OPERATOR_STOP))["stopped"]
+
+
+@pytest.mark.parametrize("status", [CRASHED, STOOD_STILL])
+def test_failed_game_is_saved_at_its_end(nodes: Session, tmp_path: Path, status: int) -> None:
+    file = tmp_path / "game.json"
+    up(nodes, state_file=file)
+    running(nodes)
+    file.unlink()  # its age after a standstill could be too high
+    nodes.node(GAME).status = status
+    nodes.drain()
+    assert json.loads(file.read_text())["state"]["referee"]["state"] == "running"
 
 
 def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
