@@ -137,8 +137,7 @@ class PacmanGame(ConfiguredNode):
     # Requests
 
     def _on_stop(self, stopped: bool, who: str) -> None:
-        if self.game.selector is not None:
-            self.game.selector.stop(stopped, who)
+        self.game.stop(stopped, who)
         self._save()  # before other nodes learn that this one obeys
 
     def _start(self) -> list[Action]:

@@ -18,6 +18,7 @@ from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.message_conversion import markers_of, word_of
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
 from pacman_env.ros.selector.goal_selector import GoalSelector, Report
+from pacman_env.ros.selector.navigation_client import NavigationClient
 
 _TOPICS = {
     "command": topics.GAME_COMMAND,
@@ -63,6 +64,7 @@ class RobotGame:
         if self.selector is None:
             node.listen(topics.GAME_STATUS, lambda message: self.report("status", word_of(message)), "bad status")
             node.listen(topics.REMOVE_PELLET, lambda message: self.report("remove", message.data), "bad removal")
+            self._foreign = NavigationClient(node, lambda *_: None, lambda *_: None, lambda *_: None)  # sends no goal
 
     def report(self, kind: str, value: Any) -> None:
         """Take a report of the goal selector; others hear it, too."""
@@ -72,6 +74,13 @@ class RobotGame:
         if self.selector is not None:  # otherwise the foreign one has published it
             self._publish(kind, value)
         self.perform(self.referee.remove(value) if kind == "remove" else self.referee.status(value, self._node.now_s()))
+
+    def stop(self, stopped: bool, who: str) -> None:
+        """Stop the robot until the release, whoever sends its goals."""
+        if self.selector is None:
+            self._foreign.forbid(stopped)
+        else:
+            self.selector.stop(stopped, who)
 
     # What the referee does
 

@@ -134,10 +134,7 @@ class GoalSelector:
 
     def stop(self, stopped: bool, who: str) -> None:
         """Stop the robot and cancel the goals of all nodes; allow no goal until the release."""
-        self.nav2.forbidden = stopped
-        if stopped:
-            self.nav2.stop_wheels()
-            self.nav2.cancel_all()
+        self.nav2.forbid(stopped)
         self.hold(STOPPED, f"stopped by {who}: no goal is sent until it is released" if stopped else "")
 
     def on_continue(self, request: Any, response: Any) -> Any:

@@ -60,7 +60,7 @@ class NavigationClient:
         self._accepted, self._rejected, self._finished = accepted, rejected, finished
         self._goals: dict[int, _SentGoal] = {}
         self._newest: Any = None  # newest feedback, of any goal
-        self.forbidden = False  # if True, every goal of any node is cancelled
+        self._forbidden = False  # if True, every goal of any node is cancelled
         self._all_ended: Future | None = None  # result of ``finish``
         self.last_status, self.last_error = 0, 0  # result of the last goal that ended
 
@@ -81,9 +81,13 @@ class NavigationClient:
         answer, end = self._clearing
         return self._node.now_s() > end or (answer.done() and not answer.result().goals_canceling)
 
-    def cancel_all(self) -> None:
-        if self._canceller.service_is_ready():
-            self._canceller.call_async(self._canceller.srv_type.Request())
+    def forbid(self, forbidden: bool) -> None:
+        """Stop the robot and cancel every goal of any node, or end that."""
+        self._forbidden = forbidden
+        if forbidden:
+            self.stop_wheels()
+            if self._canceller.service_is_ready():
+                self._canceller.call_async(self._canceller.srv_type.Request())  # all zero: every goal
 
     def _on_statuses(self, message: Any) -> None:
         status_of = {bytes(goal.goal_info.goal_id.uuid): goal.status for goal in message.status_list}
@@ -91,7 +95,7 @@ class NavigationClient:
             status = status_of.get(bytes(own.name.uuid))
             if own.accepted and status in _ENDED:
                 own.status = status
-        if not self.forbidden and (self._clearing is None or self._node.now_s() > self._clearing[1]):
+        if not self._forbidden and (self._clearing is None or self._node.now_s() > self._clearing[1]):
             return
         # A foreign goal that appears just after all goals were cancelled was in transit at that time.
         names = {bytes(own.name.uuid) for own in self._goals.values()}

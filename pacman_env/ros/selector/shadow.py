@@ -10,7 +10,7 @@ from pacman_env.ros.message_conversion import Pose, Position
 class Shadow:
     """Navigation that succeeds at once, like a Nav2 that accepts every goal and ends the earlier one."""
 
-    ready, forbidden = True, False
+    ready = True
     last_status = last_error = 0
 
     def __init__(
@@ -37,7 +37,7 @@ class Shadow:
         self._running = None
         self._finished(number, CANCELED, None)
 
-    def cancel_all(self) -> None: ...
+    def forbid(self, forbidden: bool) -> None: ...
 
     def stop_wheels(self) -> None: ...
 

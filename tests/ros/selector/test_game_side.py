@@ -1,5 +1,7 @@
 """The contract between a goal selector and its game, by calls (ours) and by topics (foreign)."""
 
+from functools import partial
+
 import pytest
 
 from pacman_env.ros import topics
@@ -69,3 +71,18 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     assert nodes.value(topics.SCORE) == len(PELLETS)
     end(f"Complete - Score: {len(PELLETS)}")
     assert nodes.errors() == []
+
+
+def test_stop_cancels_goals_of_foreign_selector(game: Game) -> None:
+    nodes = game.session
+    client = topics.NAVIGATE_TO_POSE.client(nodes.observer)
+    nodes.start(GAME, map_yaml="house", selector=ORIGINAL)
+    send = partial(nodes.within, lambda: client.send_goal_async(topics.NAVIGATE_TO_POSE.type.Goal()))
+    send()
+    assert game.nav2.running()
+    game.say(topics.OPERATOR_STOP, "stop")
+    assert not game.nav2.running()
+    assert game.stops() > 0
+    send()
+    assert len(game.nav2.goals) == 2
+    assert not game.nav2.running()
