@@ -10,6 +10,8 @@ from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.action import ActionClient, ActionServer
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
 
 from .message_conversion import BadMessage
@@ -37,6 +39,12 @@ class BaseNode(Node):
         for waitable in [one for one in self.waitables if isinstance(one, ActionServer | ActionClient)]:
             waitable.destroy()
         super().destroy_node()
+
+    def create_timer(self, *arguments: Any, clock: Any = None, **options: Any) -> Any:
+        """Create a timer; without simulated time, steps of the wall clock do not change its period."""
+        if clock is None and not self.get_parameter("use_sim_time").value:
+            clock = Clock(clock_type=ClockType.STEADY_TIME)
+        return super().create_timer(*arguments, clock=clock, **options)
 
     def now_s(self) -> float:
         """Return the node's time, s, for measuring durations: it never runs backwards, unlike the clock."""

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from rclpy.clock_type import ClockType
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.time import Time
 
 from pacman_env.config import make_config, parse_settings
@@ -212,6 +213,15 @@ def test_node_time_continues_when_clock_jumps_back(probe: Probe) -> None:
         seen.append(node.now_s())
     node.destroy_node()
     assert seen == pytest.approx([10.0, 11.0, 1011.0, 1012.0, 1012.0, 1013.0, 1013.0, 1014.0])
+
+
+@pytest.mark.parametrize(("simulated", "clock"), [(False, ClockType.STEADY_TIME), (True, ClockType.ROS_TIME)])
+def test_timer_ignores_wall_clock(probe: Probe, simulated: bool, clock: ClockType) -> None:
+    """A timer of the wall clock would wait until a clock that was set back shows its time again."""
+    parameters = [Parameter("use_sim_time", value=simulated)]
+    node = BaseNode("clockwork", context=probe.context, parameter_overrides=parameters)
+    assert node.create_timer(1.0, node.now_s).clock.clock_type == clock
+    node.destroy_node()
 
 
 def test_node_ends_after_long_standstill(probe: Probe, system: System, monkeypatch: pytest.MonkeyPatch) -> None:
