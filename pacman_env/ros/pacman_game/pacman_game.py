@@ -124,13 +124,15 @@ class PacmanGame(ConfiguredNode):
 
     def _resume(self) -> None:
         """Continue the saved game, or begin another one if it does not fit."""
-        saved, self._saved = self._saved, None
         try:
-            self.game.restore(saved)
+            self.game.restore(self._saved)  # until it is complete, the file keeps the saved game
         except (ValueError, TypeError, LookupError) as error:
             self.get_logger().warning(f"{self._file.path}: the saved game is given up: {error}")
+            self._saved = None
             self.game.perform(self.game.referee.reset(self.now_s()))
             return
+        self._saved = None
+        self._save()
         referee = self.game.referee
         self.get_logger().info(f"resumes in state {referee.state!r}, score {referee.score}")
 

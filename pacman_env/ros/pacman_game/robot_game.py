@@ -167,7 +167,6 @@ class RobotGame:
         self.perform(actions)
         if self.selector is not None:  # after the commands, which start the clock of a round
             self.selector.restore(saved["selector"], self.referee.taken, self.referee.ghosts_caught)
-        self._save()
         self.show_pellets()
 
     def close(self) -> None:

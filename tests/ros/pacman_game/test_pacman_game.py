@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 
 from pacman_env.config import PelletConfig
+from pacman_env.game.ghosts import GHOST_NAMES
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.game.round import RoundController
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME
 from pacman_env.ros.message_conversion import pellets_of
+from pacman_env.ros.pacman_game.state_file import StateFile
 from pacman_env.ros.process import CRASHED, STOOD_STILL
 from pacman_env.world.maps.occupancy import load_map
 from tests.ros.session import Session
@@ -234,6 +236,19 @@ def a_game(nodes: Session, domain: int, **changes: Any) -> dict[str, Any]:
     owner = {"namespace": "/robot_15", "domain": str(domain), "simulated": True}
     state = {"stopped": "", "referee": game.snapshot(0.0), "ghosts": [], "selector": {}}
     return {"format": 4, "written_s": time.time(), "owner": owner, "state": state} | changes
+
+
+def test_file_is_complete_while_game_resumes(
+    nodes: Session, tmp_path: Path, domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, saved = a_game(nodes, domain), []
+    whole["state"]["selector"] = {"home": [1.0, 2.0, 0.0], "jump": "pose jumped", "round_s": 5.0}
+    whole["state"]["selector"]["harmless_s"] = [[9.0, 0.0]] * len(GHOST_NAMES)
+    (tmp_path / "game.json").write_text(json.dumps(whole))
+    monkeypatch.setattr(StateFile, "save", lambda file, state: saved.append(state["selector"]))
+    nodes.start(GAME, map_yaml="house", state_file=tmp_path / "game.json")
+    nodes.advance(0.1)
+    assert {(tuple(one["home"]), one["jump"]) for one in saved} == {((1.0, 2.0, 0.0), "pose jumped")}
 
 
 @pytest.mark.parametrize(
