@@ -17,6 +17,7 @@ REPORTED = {
     POSE_JUMPED: "set the robot's pose, or c to continue as it is",
     POLICY_FAILS: REMEDIES[POLICY_FAILS],
 }
+WHO = "ros up"  # who stops and releases the robot with these keys
 KEYS = {"s": START_GAME, "r": RESET_GAME, "c": CONTINUE}
 
 
@@ -133,14 +134,15 @@ class Console:
                 self._writer.print("stopped: the robot stands until g")
             elif key == "g" and operator.stopped:
                 self._stops_until_reset = False
-                operator.request(False, "ros up")
+                operator.request(False, WHO)
                 self._writer.print("released")
         if self._stops_until_reset and RESET_GAME not in self._rounds.requested:
             self._stops_until_reset = False
-            operator.request(False, "ros up")
+            if operator.who == WHO:  # otherwise another person has stopped the robot in the meantime
+                operator.request(False, WHO)
 
     def _stop_robot(self) -> None:
-        self._status_line.operator.request(True, "ros up")
+        self._status_line.operator.request(True, WHO)
         self._status_line.halt()
 
     def report_troubles(self) -> None:

@@ -11,14 +11,17 @@ from pacman_env.ros.supervisor.terminal import LineWriter
 
 
 class Operator:
-    stopped = False
+    stopped, who = False, ""
 
     def request(self, stopped: bool, who: str) -> None:
-        self.stopped = stopped
+        self.stopped, self.who = stopped, who
 
 
-@pytest.mark.parametrize(("keys", "stands"), [("r", False), (" r", True), ("r ", True), ("rg", False)])
-def test_reset_stops_robot_until_referee_answers(keys: str, stands: bool) -> None:
+@pytest.mark.parametrize(
+    ("keys", "other", "stands"),
+    [("r", False, False), (" r", False, True), ("r ", False, True), ("rg", False, False), ("r", True, True)],
+)
+def test_reset_stops_robot_until_referee_answers(keys: str, other: bool, stands: bool) -> None:
     pressed, halts = list(keys), []
     operator = Operator()
     status_line = SimpleNamespace(operator=operator, halt=lambda: halts.append(operator.stopped))
@@ -31,6 +34,8 @@ def test_reset_stops_robot_until_referee_answers(keys: str, stands: bool) -> Non
     assert operator.stopped == (keys != "rg")
     assert rounds.wanted == [topics.RESET_GAME]
     pressed.clear()
+    if other:
+        operator.request(True, "a terminal")
     console.handle_keys()
     assert operator.stopped == (keys != "rg")
     rounds.requested.clear()
