@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from pacman_env.ros.game_nodes import OURS
 from pacman_env.ros.process import StopSignals
 from pacman_env.ros.selector.reasons import POLICY_FAILS, POSE_JUMPED, REMEDIES, troubles_of
 from pacman_env.ros.supervisor.checks.check import count
@@ -80,8 +81,10 @@ class RoundRequests:
                 self.wanted.append(service)
 
     def _read(self, service: Service, result: Any) -> None:
-        # A game that has just been restarted refuses a start until it knows the robot's pose.
-        ready = self.status_line.state == "menu" and self.status_line.ready
+        # A game that has just been restarted refuses a start until it knows the robot's pose. A foreign goal selector
+        # may be absent for long: the robot must not move when it comes.
+        ours = self.status_line.game.condition.get("selector", OURS) == OURS
+        ready = ours and self.status_line.state == "menu" and self.status_line.ready
         if result.success:
             self.starts = self.play_on or (self.starts and service is not START_GAME)
         elif service is START_GAME and self.starts:  # repeated, unless it has begun and its answer was lost

@@ -15,7 +15,7 @@ from pacman_env import ros
 from pacman_env.cli import main as cli
 from pacman_env.files import install_command
 from pacman_env.ros import topics
-from pacman_env.ros.game_nodes import GAME, LISTENERS, SIMULATOR, GameSetup
+from pacman_env.ros.game_nodes import GAME, LISTENERS, ORIGINAL, OURS, SIMULATOR, GameSetup
 from pacman_env.ros.process import StopSignals
 from pacman_env.ros.supervisor import console
 from pacman_env.ros.supervisor import up as up_module
@@ -198,18 +198,21 @@ def answers(*answered: bool | None) -> tuple[list[topics.Service], Callable[[top
 
 
 @pytest.mark.parametrize(
-    ("answered", "ready", "wanted", "calls", "said"),
+    ("answered", "ready", "selector", "wanted", "calls", "said"),
     [
-        ((False, False, True), True, [topics.START_GAME], 3, ""),  # a restarted game does not know the pose yet
-        ((False,), False, [topics.START_GAME], 1, f"game/start: {REFUSAL}\n"),
-        ((None, True), True, [topics.START_GAME], 2, ""),  # a killed referee never answers
-        ((False,), True, [topics.START_GAME, topics.RESET_GAME], 2, f"game/start: {REFUSAL}\n"),  # the reset stands
+        ((False, False, True), True, OURS, [topics.START_GAME], 3, ""),  # a restarted game does not know the pose yet
+        ((False,), False, OURS, [topics.START_GAME], 1, f"game/start: {REFUSAL}\n"),
+        ((False,), True, ORIGINAL, [topics.START_GAME], 1, f"game/start: {REFUSAL}\n"),  # it may come much later
+        ((None, True), True, OURS, [topics.START_GAME], 2, ""),  # a killed referee never answers
+        # The reset stands.
+        ((False,), True, OURS, [topics.START_GAME, topics.RESET_GAME], 2, f"game/start: {REFUSAL}\n"),
     ],
 )
 def test_rounds_repeat_start_until_it_is_answered(
     monkeypatch: pytest.MonkeyPatch,
     answered: tuple[bool | None, ...],
     ready: bool,
+    selector: str,
     wanted: list[topics.Service],
     calls: int,
     said: str,
@@ -217,7 +220,8 @@ def test_rounds_repeat_start_until_it_is_answered(
     monkeypatch.setattr(console, "ANSWER_S", 0.0)
     called, call = answers(*answered)
     out = io.StringIO()
-    there = SimpleNamespace(state="menu", ready=ready, call=call)
+    game = SimpleNamespace(condition={"selector": selector})
+    there = SimpleNamespace(state="menu", ready=ready, call=call, game=game)
     rounds = RoundRequests(there, LineWriter(out))  # type: ignore[arg-type]
     rounds.wanted += wanted
     for _ in range(5):
