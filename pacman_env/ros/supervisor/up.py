@@ -18,7 +18,7 @@ from typing import TextIO
 from pacman_env.engine.cache_folder import check_kept, mark
 from pacman_env.files import install_command, user_folder
 from pacman_env.ros import game_nodes
-from pacman_env.ros.discovery import join
+from pacman_env.ros.discovery import domain_of, join
 from pacman_env.ros.game_nodes import GAME, LISTENERS, NAV2, OURS, PAGE, SHADOW, SIMULATOR, WATCHER, GameSetup
 from pacman_env.ros.memory import release_memory
 from pacman_env.ros.process import StopSignals
@@ -88,6 +88,13 @@ def up(setup: GameSetup, options: UpOptions = UpOptions(), out: TextIO | None = 
         return status or (HAD_TO_KILL if killed else 0)
 
 
+def log_folder(namespace: str) -> Path:
+    """Return the folder of a game's logs and saved game: the domain in its name separates games of one namespace."""
+    domain = domain_of(os.environ.get("ROS_DOMAIN_ID", ""))
+    name = namespace.strip("/").replace("/", "-") or "root"
+    return user_folder("log") / (f"{name}-{domain}" if domain else name)
+
+
 def check(setup: GameSetup, plays_on: bool = False) -> None:
     """Raise ValueError for everything that is known to be wrong before the start."""
     if setup.web is not None and (missing := [name for name in _WEB if find_spec(name) is None]):
@@ -134,7 +141,7 @@ class GameProcesses:
         pressed: Callable[[], str] | None = None,
     ) -> None:
         self.status_line, self.writer, self.asked = status_line, writer, stop
-        self.logs = options.logs or user_folder("log") / (setup.namespace.strip("/").replace("/", "-") or "root")
+        self.logs = options.logs or log_folder(setup.namespace)
         self.logs.mkdir(parents=True, exist_ok=True)
         extra = dict(setup.extra)
         extra[GAME] = {"state_file": str(self.logs / STATE_FILE), **extra.get(GAME, {})}

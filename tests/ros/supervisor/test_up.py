@@ -179,6 +179,14 @@ def test_only_real_pose_is_awaited_with_page_step(domain: int, tmp_path: Path, s
         game.processes.stop()
 
 
+def test_log_folders_of_domains_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = []
+    for domain in ("0", "7"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+        names.append(up_module.log_folder("/robot_15").name)
+    assert names == ["robot_15", "robot_15-7"]
+
+
 REFUSAL = "start: no pose yet"
 
 
