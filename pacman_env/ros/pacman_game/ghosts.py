@@ -103,7 +103,8 @@ class GameGhosts:
             self._view.pellets(left, power)
 
     def on_robot(self, message: Any) -> None:
-        pose, first = messages.pose_of(message), self._robot is None
+        pose = messages.pose_of(message)
+        first = self._robot is None and self._state != "running"  # ghosts of a resumed round stay where they are
         self.moved.see_robot(pose)
         self._robot = pose
         if first:

@@ -213,6 +213,14 @@ def test_ghost_respawns_away_from_robot_fault_11(nodes: Session) -> None:
     assert len(places) > 15
 
 
+def test_ghost_of_resumed_round_stays_beside_robot(nodes: Session) -> None:
+    up(nodes)
+    ghosts(nodes).on_state("running")
+    here = at(nodes)
+    robot(nodes, *here)  # only now the node gets its pose
+    assert at(nodes) == here
+
+
 def test_ghost_plans_at_most_once_per_step_fault_11() -> None:
     config = make_config("robot", **{"clyde.speed_mps": 5.0, "pellets.spacing_m": 20.0})
     large = map_assets(shared_path("maps/mit_stata_basement"), config)
