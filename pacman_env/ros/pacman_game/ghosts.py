@@ -193,7 +193,7 @@ class GameGhosts:
     def show(self) -> None:
         now = self._node.get_clock().now()
         stamp, poses, nav2 = now.to_msg(), self.moved.poses, self._config.nav2
-        left_s = self.harmless - now.nanoseconds / 1e9
+        left_s = self.harmless - self._node.now_s()
         for number, (pose, publisher) in enumerate(zip(poses, self._poses, strict=True)):
             if self._view is not None:
                 self._view.see_ghost(number, *pose[:2], now.nanoseconds)

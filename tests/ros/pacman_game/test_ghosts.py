@@ -155,6 +155,10 @@ def test_frightened_ghost_is_slow_blue_and_no_obstacle(nodes: Session) -> None:
     nodes.advance(25.0)
     assert obstacle(nodes) == 9
     assert nodes.last(topics.CLYDE_MARKER).color.r > 0.9
+    ghost_until(nodes, 5.0)
+    nodes.clock_ns -= 100 * 10**9  # as after a restart of the simulated robot
+    nodes.advance(6.0)
+    assert obstacle(nodes) == 9
 
 
 @pytest.mark.parametrize("away_s", [4.0, -1.0])
