@@ -208,6 +208,7 @@ class GameProcesses:
         """Print an event of a process, and publish it for the page."""
         self._events, self._event = self._events + 1, text
         self.writer.print(text)
+        self._publish_processes()  # at once: the topic holds only one event, and two processes may end together
 
     def _publish_processes(self) -> None:
         shown = self.processes.states(), self._events
