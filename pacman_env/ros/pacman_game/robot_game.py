@@ -61,6 +61,7 @@ class RobotGame:
         self._markers = topics.PELLET_MARKERS.publisher(node)
         self._harmless = topics.HARMLESS_GHOSTS.publisher(node) if config.power.pellets > 0 else None
         self.selector = None if select is None else select(self.report)
+        self._jump = ""  # the last one that was saved
         if self.selector is None:
             node.listen(topics.GAME_STATUS, lambda message: self.report("status", word_of(message)), "bad status")
             node.listen(topics.REMOVE_PELLET, lambda message: self.report("remove", message.data), "bad removal")
@@ -139,7 +140,6 @@ class RobotGame:
 
     def decide(self, selector: GoalSelector) -> None:
         """Let our goal selector decide; the ghosts learn until when they are harmless."""
-        jump = selector.pose.watch.jump
         selector.tick()
         if self._harmless is not None:
             times = selector.executor.round.ghosts[: len(self.ghosts.places), HARMLESS_UNTIL:]
@@ -147,7 +147,8 @@ class RobotGame:
                 self.ghosts.set_harmless(times.copy())
                 self._harmless.publish(Float64MultiArray(data=times.ravel().tolist()))
                 self._save()
-        if selector.pose.watch.jump != jump:
+        if selector.pose.watch.jump != self._jump:  # it may have been noticed between two ticks
+            self._jump = selector.pose.watch.jump
             self._save()
 
     # Crashes
