@@ -109,13 +109,13 @@ class PacmanGame(ConfiguredNode):
             return None
 
     def _save(self) -> None:
-        """Save the game; remove the file if the game is in the menu before its first round and not stopped."""
+        """Save the game; remove the file if the game is in the menu without a result and not stopped."""
         who = self._operator.who if self._operator.stopped else ""
         referee = self.game.referee
         try:
             if self._saved is not None:
                 self._file.save({**self._saved, "stopped": who})
-            elif not who and referee.state == "menu" and not referee.score and referee.round == 1:
+            elif not who and referee.state == "menu" and not referee.result:
                 self._file.remove()
             else:
                 self._file.save({"stopped": who, **self.game.snapshot()})

@@ -184,6 +184,13 @@ def test_killed_referee_continues_round(nodes: Session, state_folder: Path) -> N
     assert (said["game_state"], said["game_result"], said["game/round"]) == ("menu", "Complete - Score: 13", 2)
     assert nodes.call(topics.RESET_GAME).success
     assert not kept.exists()
+    running(nodes)
+    status(nodes, "death_detected")
+    wait_state(nodes, "returning_home")
+    status(nodes, "home_reached")
+    nodes.kill(GAME)  # after the last round
+    said = again(nodes)
+    assert (said["game_state"], said["game_result"], said["game/round"]) == ("menu", "Death - Score: 0", 1)
 
 
 def test_stop_survives_kill_until_release(nodes: Session, tmp_path: Path) -> None:
