@@ -72,9 +72,9 @@ class RobotGame:
         if kind == "event":
             self.perform([Action(kind, value)])
             return
-        if self.selector is not None:  # otherwise the foreign one has published it
-            self._publish(kind, value)
-        self.perform(self.referee.remove(value) if kind == "remove" else self.referee.status(value, self._node.now_s()))
+        own = [] if self.selector is None else [Action(kind, value)]  # a foreign one has published it
+        actions = self.referee.remove(value) if kind == "remove" else self.referee.status(value, self._node.now_s())
+        self.perform([*own, *actions])
 
     def stop(self, stopped: bool, who: str) -> None:
         """Stop the robot until the release, whoever sends its goals."""
