@@ -1,8 +1,12 @@
 """The contract between a goal selector and its game, by calls (ours) and by topics (foreign)."""
 
+import json
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import pytest
+from rclpy.publisher import Publisher
 
 from pacman_env.ros import topics
 from pacman_env.ros.game_nodes import GAME, ORIGINAL, OURS
@@ -86,3 +90,31 @@ def test_stop_cancels_goals_of_foreign_selector(game: Game) -> None:
     send()
     assert len(game.nav2.goals) == 2
     assert not game.nav2.running()
+
+
+def test_pellet_and_jump_are_saved_at_once(game: Game, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes, file = game.session, tmp_path / "game.json"
+    node = nodes.start(
+        GAME, map_yaml="house", policy="nearest", settings=SETTINGS, home=[*pellet(1), 0.0], state_file=file
+    )
+    saved = lambda: json.loads(file.read_text())["state"]  # noqa: E731
+    game.stand(*game.pose)
+    nodes.advance(1.0)
+    assert nodes.call(topics.START_GAME).success
+    nodes.within(lambda: node.game.report("status", "home_reached"))
+    nodes.wait_for(lambda: node.game.referee.state == "running", 5.0, "the round")
+    scores, publish = [], Publisher.publish
+
+    def spy(publisher: Any, message: Any) -> None:
+        if publisher.topic_name.endswith(topics.GAME_STATUS.name):
+            scores.append(saved()["referee"]["score"])
+        publish(publisher, message)
+
+    monkeypatch.setattr(Publisher, "publish", spy)
+    nodes.within(lambda: node.game.report("status", f"pellet_collected:{PELLETS[0]}"))
+    assert scores == [1], "it is saved before others hear of it"
+    file.unlink()
+    nodes.wait_for(file.exists, what="the next save")
+    node.game.selector.pose.watch.jump = "pose jumped"  # between two ticks
+    nodes.advance(0.6)
+    assert saved()["selector"]["jump"] == "pose jumped"

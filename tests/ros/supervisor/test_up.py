@@ -187,6 +187,17 @@ def test_log_folders_of_domains_differ(monkeypatch: pytest.MonkeyPatch) -> None:
     assert names == ["robot_15", "robot_15-7"]
 
 
+def test_each_event_of_processes_is_published(tmp_path: Path) -> None:
+    events: list[str] = []
+    status_line: Any = SimpleNamespace(publish_processes=lambda states, event, number: events.append(event))
+    writer = LineWriter(io.StringIO())
+    game = up_module.GameProcesses(GameSetup("house"), UpOptions(logs=tmp_path), status_line, writer, StopSignals())
+    for event in ("one has died", "two has died"):  # in one look at the processes
+        game.processes.report(event)
+    game.processes.stop()
+    assert events == ["one has died", "two has died"]
+
+
 REFUSAL = "start: no pose yet"
 
 
