@@ -12,9 +12,10 @@ from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.discovery import costmaps_without
 from pacman_env.ros.node import parameter
-from pacman_env.ros.selector.goal_scores import as_json, decision_times
+from pacman_env.ros.selector.goal_scores import decision_times
 from pacman_env.ros.selector.goal_selector import GoalSelector
 from pacman_env.ros.selector.nav2_failures import error_words
+from pacman_env.ros.selector.policy_child import as_json
 from pacman_env.ros.selector.reasons import REMEDIES
 
 _UNHEARD = "ghosts unheard"

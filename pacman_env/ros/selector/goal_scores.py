@@ -4,7 +4,6 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import msgspec
 import numpy as np
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
@@ -14,6 +13,7 @@ from pacman_env.observations.robot_view import RobotView
 from pacman_env.observations.situation import HOLD, Situation
 from pacman_env.ros import topics
 from pacman_env.ros.message_conversion import marker_message
+from pacman_env.ros.selector.policy_child import as_json
 from pacman_env.ros.topics import SCORE_MARKERS
 
 _HEIGHT_M = 0.25  # height of the letters
@@ -45,7 +45,7 @@ class Explanations:
             stamp = self._node.get_clock().now().to_msg()
             self._scores.publish(score_markers(situation, answer.scores, answer.choice[0], stamp))
         if answer.why is not None:
-            self._why.publish(String(data=as_json(answer.why)))
+            self._why.publish(String(data=answer.why))
 
 
 def score_markers(situation: Situation, scores: Sequence[float], chosen: int, stamp: Any) -> Any:
@@ -81,8 +81,3 @@ def decision_times(times_ms: Sequence[float]) -> dict[str, float | int]:
     median, late = np.percentile(list(times_ms), (50, 99)).tolist()
     times = {"last_ms": times_ms[-1], "median_ms": median, "p99_ms": late, "longest_ms": max(times_ms)}
     return {"count": len(times_ms), **{name: round(value, 3) for name, value in times.items()}}
-
-
-def as_json(condition: dict[str, Any]) -> str:
-    """Encode as JSON in one line; numbers that are not finite become null."""
-    return msgspec.json.encode(condition, enc_hook=lambda value: value.tolist()).decode()

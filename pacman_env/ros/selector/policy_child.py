@@ -70,7 +70,7 @@ class Answer(msgspec.Struct):
     choice: tuple[int, int] = (0, 0)
     error: str = ""
     scores: list[float] | None = None
-    why: dict[str, Any] | None = None
+    why: str | None = None  # JSON
     elapsed_ms: float = 0.0
     version: str = ""  # of the robot's policy, in the first message
     unexplained: str = ""  # why scores and terms are missing
@@ -128,7 +128,7 @@ class Policies:
             answer.scores = scores(policy, situation)[0].tolist()
         if question.why:
             with what_users_raise(type(policy), policy.name):
-                answer.why = _reasons(policy, situation, answer.choice[0], self._config.robot.speed_mps)
+                answer.why = as_json(_reasons(policy, situation, answer.choice[0], self._config.robot.speed_mps))
 
 
 def rehearse(policy: Policy, view: RobotView, config: Config) -> Policy:
@@ -167,6 +167,11 @@ def _reasons(policy: Policy, situation: Situation, chosen: int, robot_mps: float
 
 def encode(message: Any) -> bytes:
     return msgspec.msgpack.encode(message, enc_hook=lambda value: value.tolist())
+
+
+def as_json(condition: dict[str, Any]) -> str:
+    """Encode as JSON in one line; numbers that are not finite become null."""
+    return msgspec.json.encode(condition, enc_hook=lambda value: value.tolist()).decode()
 
 
 def _limit_memory() -> None:

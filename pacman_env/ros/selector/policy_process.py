@@ -164,7 +164,7 @@ class PolicyProcess:
         try:
             has_answer = self._pipe.poll(wait_s)
             answer = msgspec.msgpack.decode(self._pipe.recv_bytes(), type=Answer) if has_answer else None
-        except (EOFError, OSError):
+        except (EOFError, OSError, msgspec.MsgspecError):
             return self._fail(f"its process {self._end_words()}")
         if answer is None:
             limit_s = SLOW_S if self.ready else _RESTARTS_S if self._number else _STARTS_S

@@ -35,6 +35,15 @@ class Faulty(Nearest):
             case "sends half an answer":
                 os.write(int(sys.argv[1]), b"half")
                 time.sleep(60.0)
+            case "sends a wrong answer":
+                os.write(int(sys.argv[1]), b"\0\0\0\1\x07")
+                time.sleep(60.0)
             case "fills the memory":
                 np.empty(5 * 2**30, np.uint8)
         return scores
+
+    def explain(self, situation: Any) -> Any:
+        terms = super().explain(situation)
+        if Path(os.environ[FAULT_FILE]).read_text() == "explains by place":
+            terms[0] = [{**one, (0, 1): 2.0} for one in terms[0]]
+        return terms

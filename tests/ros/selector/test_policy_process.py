@@ -96,7 +96,7 @@ def asked(fault: Path) -> Iterator[Asked]:
     [
         *(("raises", "no such goal"), ("sleeps", "takes more than"), ("loops", "takes more than")),
         *(("exits", "status 7"), ("ends", "status 7"), ("fills the memory", "MemoryError")),
-        ("sends half an answer", "half an answer"),
+        *(("sends half an answer", "half an answer"), ("sends a wrong answer", "half an answer")),
     ],
 )
 def test_faulty_policy_is_reported_once_and_started_again(asked: Asked, fault: Path, name: str, words: str) -> None:
@@ -117,6 +117,17 @@ def test_faulty_policy_is_reported_once_and_started_again(asked: Asked, fault: P
     assert asked.reports[-1] == "", "the trouble is over"
     assert asked.process.restarts == restarts + 1
     assert asked.longest_s < BLOCKED_S
+
+
+def test_reasons_that_json_cannot_express_leave_choice(asked: Asked, fault: Path) -> None:
+    assert not asked.choice(situation()).error
+    fault.write_text("explains by place")
+    asked.process.ask(ROBOT, situation(), False, why=True)
+    answer = wait_for(asked.poll)
+    fault.write_text("")
+    assert answer is not None
+    assert answer.unexplained
+    assert not answer.error
 
 
 def test_pauses_between_starts_grow(monkeypatch: pytest.MonkeyPatch) -> None:
