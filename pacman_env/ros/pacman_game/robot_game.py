@@ -63,18 +63,21 @@ class RobotGame:
         self.selector = None if select is None else select(self.report)
         self._jump = ""  # the last one that was saved
         if self.selector is None:
-            node.listen(topics.GAME_STATUS, lambda message: self.report("status", word_of(message)), "bad status")
-            node.listen(topics.REMOVE_PELLET, lambda message: self.report("remove", message.data), "bad removal")
+            node.listen(topics.GAME_STATUS, lambda message: self.report([("status", word_of(message))]), "bad status")
+            node.listen(topics.REMOVE_PELLET, lambda message: self.report([("remove", message.data)]), "bad removal")
             self._foreign = NavigationClient(node, lambda *_: None, lambda *_: None, lambda *_: None)  # sends no goal
 
-    def report(self, kind: str, value: Any) -> None:
-        """Take a report of the goal selector; others hear it, too."""
-        if kind == "event":
-            self.perform([Action(kind, value)])
-            return
-        own = [] if self.selector is None else [Action(kind, value)]  # a foreign one has published it
-        actions = self.referee.remove(value) if kind == "remove" else self.referee.status(value, self._node.now_s())
-        self.perform([*own, *actions])
+    def report(self, reports: Sequence[tuple[str, Any]]) -> None:
+        """Take reports of the goal selector, which count and are saved together; others hear them, too."""
+        actions: list[Action] = []
+        for kind, value in reports:
+            if self.selector is not None:  # a foreign one has published it
+                actions.append(Action(kind, value))
+            if kind == "remove":
+                actions += self.referee.remove(value)
+            elif kind == "status":
+                actions += self.referee.status(value, self._node.now_s())
+        self.perform(actions)
 
     def stop(self, stopped: bool, who: str) -> None:
         """Stop the robot until the release, whoever sends its goals."""

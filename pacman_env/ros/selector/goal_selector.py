@@ -34,8 +34,10 @@ from pacman_env.ros.selector.shadow import Shadow
 
 STOPPED = "stopped by the operator"
 
-#: Takes a report of a goal selector: a ``status``, a pellet to ``remove`` or an ``event``, and its word or id.
-Report = Callable[[str, int | str], None]
+_REPORTS = ("status", "remove", "event")
+#: Takes reports of a goal selector that belong together: each a ``status``, a pellet to ``remove`` or an ``event``, and
+#: its word or id.
+Report = Callable[[Sequence[tuple[str, int | str]]], None]
 
 
 def declare_home(node: ConfiguredNode) -> Pose | None:
@@ -307,6 +309,8 @@ class GoalSelector:
     # Actions
 
     def _do(self, actions: Sequence[ExecutorAction]) -> None:
+        if reports := [(action.kind, action.value) for action in actions if action.kind in _REPORTS]:
+            self._report(reports)
         for action in actions:
             if action.kind == "ignored":
                 self._node.once.warning(str(action.value), f"{action.value} is ignored")
@@ -317,8 +321,6 @@ class GoalSelector:
                 self.nav2.cancel(int(action.value))
             elif action.kind == "stop":
                 self.nav2.stop_wheels()
-            else:
-                self._report(action.kind, action.value)
 
 
 def _pose_at(place: Place, start: Position | None) -> Pose:

@@ -40,7 +40,12 @@ def published_reports(node: BaseNode) -> Report:
     """Return how a goal selector reports to a foreign game, which hears topics."""
     kinds = {"status": topics.GAME_STATUS, "event": topics.GAME_EVENT, "remove": topics.REMOVE_PELLET}
     publishers = {kind: topic.publisher(node) for kind, topic in kinds.items()}
-    return lambda kind, value: publishers[kind].publish(publishers[kind].msg_type(data=value))
+
+    def publish(reports: Sequence[tuple[str, int | str]]) -> None:
+        for kind, value in reports:
+            publishers[kind].publish(publishers[kind].msg_type(data=value))
+
+    return publish
 
 
 class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
@@ -83,8 +88,9 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         super().destroy_node()
         destroy_state_machine(self)
 
-    def _log_report(self, kind: str, value: int | str) -> None:
-        self.get_logger().info(f"shadow: {kind} {value}")
+    def _log_report(self, reports: Sequence[tuple[str, int | str]]) -> None:
+        for kind, value in reports:
+            self.get_logger().info(f"shadow: {kind} {value}")
 
     def _handlers(self) -> Iterable[tuple[topics.Topic, Callable[[Any], object]]]:
         selector, number_of = self.selector, messages.number_of

@@ -33,8 +33,8 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     nodes.advance(1.0)
 
     def collect(number: int) -> None:
-        nodes.within(lambda: report("status", f"pellet_collected:{number}"))
-        nodes.within(lambda: report("remove", number))
+        nodes.within(lambda: report([("status", f"pellet_collected:{number}")]))
+        nodes.within(lambda: report([("remove", number)]))
 
     def state(word: str) -> None:
         nodes.wait_for(lambda: nodes.value(topics.GAME_STATE) == word, 5.0, word)
@@ -42,13 +42,13 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     def begin() -> None:
         nodes.clear()
         assert nodes.call(topics.START_GAME).success
-        nodes.within(lambda: report("status", "home_reached"))
+        nodes.within(lambda: report([("status", "home_reached")]))
         state("running")
         nodes.clear(*REPORTS)
 
     def end(result: str) -> None:
         state("returning_home")
-        nodes.within(lambda: report("status", "home_reached"))
+        nodes.within(lambda: report([("status", "home_reached")]))
         state("menu")
         assert nodes.value(topics.GAME_RESULT) == result
 
@@ -56,10 +56,10 @@ def test_reports_have_same_effect_by_calls_and_topics(game: Game, selector: str)
     for _ in range(2):
         collect(PELLETS[0])
     assert (nodes.value(topics.SCORE), nodes.value(topics.PELLETS_COLLECTED)) == (1, 1), "each pellet counts once"
-    nodes.within(lambda: report("remove", PELLETS[1]))
+    nodes.within(lambda: report([("remove", PELLETS[1])]))
     assert nodes.value(topics.SCORE) == 1, "a pellet that is only removed does not count"
-    nodes.within(lambda: report("event", "clyde killed"))
-    nodes.within(lambda: report("status", "death_detected"))
+    nodes.within(lambda: report([("event", "clyde killed")]))
+    nodes.within(lambda: report([("status", "death_detected")]))
     state("dying")
     end("Death - Score: 1")
     assert [word for word in nodes.values(topics.GAME_EVENT) if "killed" in word or word == "pellet"] == [
@@ -101,7 +101,7 @@ def test_pellet_and_jump_are_saved_at_once(game: Game, tmp_path: Path, monkeypat
     game.stand(*game.pose)
     nodes.advance(1.0)
     assert nodes.call(topics.START_GAME).success
-    nodes.within(lambda: node.game.report("status", "home_reached"))
+    nodes.within(lambda: node.game.report([("status", "home_reached")]))
     nodes.wait_for(lambda: node.game.referee.state == "running", 5.0, "the round")
     scores, publish = [], Publisher.publish
 
@@ -111,10 +111,26 @@ def test_pellet_and_jump_are_saved_at_once(game: Game, tmp_path: Path, monkeypat
         publish(publisher, message)
 
     monkeypatch.setattr(Publisher, "publish", spy)
-    nodes.within(lambda: node.game.report("status", f"pellet_collected:{PELLETS[0]}"))
+    nodes.within(lambda: node.game.report([("status", f"pellet_collected:{PELLETS[0]}")]))
     assert scores == [1], "it is saved before others hear of it"
     file.unlink()
     nodes.wait_for(file.exists, what="the next save")
     node.game.selector.pose.watch.jump = "pose jumped"  # between two ticks
     nodes.advance(0.6)
     assert saved()["selector"]["jump"] == "pose jumped"
+
+
+def test_last_pellet_at_home_is_back_in_next_round(game: Game) -> None:
+    """The robot is at home when the round ends, so the next one begins within the report of the last pellet."""
+    nodes, last = game.session, PELLETS[0]
+    x, y = house().goal_xy[house().pellet_ids.tolist().index(last)].tolist()
+    node = nodes.start(GAME, map_yaml="house", policy="nearest", settings=SETTINGS, home=[x, y, 0.0])
+    game.stand(x + 0.5, y)
+    nodes.advance(1.0)
+    assert nodes.call(topics.START_GAME).success
+    nodes.within(lambda: node.game.report([("status", "home_reached")]))
+    nodes.wait_for(lambda: node.game.referee.state == "running", 5.0, "the round")
+    nodes.within(lambda: node.game.report([("status", f"pellet_collected:{one}") for one in PELLETS[1:]]))
+    game.stand(x, y)
+    nodes.wait_for(lambda: node.game.referee.round == 2, 5.0, "the next round")
+    assert node.game.referee.left == set(PELLETS)
