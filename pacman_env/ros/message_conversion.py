@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TransformS
 from numpy.lib.recfunctions import structured_to_unstructured
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
-from std_msgs.msg import Header
+from std_msgs.msg import Float64MultiArray, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 FARTHEST_M = 1000.0  # farthest position from the origin; no map is larger
@@ -140,6 +140,11 @@ def ghost_times_of(message: Any, ghosts: int) -> NDArray[np.float64]:
     if not (np.isfinite(times).all() and (times >= 0).all()):
         raise BadMessage(f"times {times.tolist()}: must be finite and at least 0")
     return times.reshape(ghosts, 2)
+
+
+def ghost_times_message(times: NDArray[np.float64]) -> Any:
+    """Return the message of such times (G, 2), s by the clock; times before its beginning become 0."""
+    return Float64MultiArray(data=np.maximum(times, 0.0).ravel().tolist())
 
 
 def points_of(message: Any) -> NDArray[np.float64]:

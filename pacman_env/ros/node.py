@@ -32,7 +32,7 @@ class BaseNode(Node):
         self.status: int | None = None  # exit status, None while the node runs
         self.silent = False  # if True, the node ends without its last messages
         self._latest_s = 0.0
-        self._set_back_s = 0.0  # total time by which the clock was set back
+        self.set_back_s = 0.0  # total time by which the clock was set back: ``now_s`` minus the clock
 
     def destroy_node(self) -> None:
         """Destroy the node and its action clients and servers, whose references would keep it alive."""
@@ -49,9 +49,9 @@ class BaseNode(Node):
     def now_s(self) -> float:
         """Return the node's time, s, for measuring durations: it never runs backwards, unlike the clock."""
         now_s = float(self.get_clock().now().nanoseconds) * 1e-9
-        self._set_back_s += max(0.0, self._latest_s - now_s)
+        self.set_back_s += max(0.0, self._latest_s - now_s)
         self._latest_s = now_s
-        return now_s + self._set_back_s
+        return now_s + self.set_back_s
 
     def listen(self, topic: Any, handle: Callable[[Any], object], trouble: str) -> Any:
         """Subscribe to a topic. If ``handle`` raises BadMessage, log the error once, as the trouble ``trouble``."""

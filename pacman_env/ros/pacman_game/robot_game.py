@@ -6,8 +6,6 @@ Our goal selector is called and calls back. A foreign one hears the topics and r
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from std_msgs.msg import Float64MultiArray
-
 from pacman_env.config import Config
 from pacman_env.game.pellets import generate_pellets
 from pacman_env.game.power import HARMLESS_UNTIL
@@ -15,7 +13,7 @@ from pacman_env.game.round import Action, RoundController
 from pacman_env.levels.assets import map_assets
 from pacman_env.ros import topics
 from pacman_env.ros.configured_node import ConfiguredNode
-from pacman_env.ros.message_conversion import markers_of, word_of
+from pacman_env.ros.message_conversion import ghost_times_message, markers_of, word_of
 from pacman_env.ros.pacman_game.ghosts import GameGhosts
 from pacman_env.ros.selector.goal_selector import GoalSelector, Report
 from pacman_env.ros.selector.navigation_client import NavigationClient
@@ -148,7 +146,7 @@ class RobotGame:
             times = selector.executor.round.ghosts[: len(self.ghosts.places), HARMLESS_UNTIL:]
             if (times != self.ghosts.harmless).any():
                 self.ghosts.set_harmless(times.copy())
-                self._harmless.publish(Float64MultiArray(data=times.ravel().tolist()))
+                self._harmless.publish(ghost_times_message(times - self._node.set_back_s))
                 self._save()
         if selector.pose.watch.jump != self._jump:  # it may have been noticed between two ticks
             self._jump = selector.pose.watch.jump

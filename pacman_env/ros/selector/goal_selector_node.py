@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 from rclpy.lifecycle.node import LifecycleNodeMixin, TransitionCallbackReturn
-from std_msgs.msg import Float64MultiArray
 
 from pacman_env.config import MAX_SPEED_MPS
 from pacman_env.game.ghosts import GHOST_NAMES
@@ -118,7 +117,7 @@ class GoalSelectorNode(LifecycleNodeMixin, ConfiguredNode):
         self.selector.tick()
         if self._harmless is not None:
             ghosts = self.selector.executor.round.ghosts[: len(self.config.clyde.ghosts), HARMLESS_UNTIL:]
-            self._harmless.publish(Float64MultiArray(data=ghosts.ravel().tolist()))
+            self._harmless.publish(messages.ghost_times_message(ghosts - self.set_back_s))
 
     def _lost_ghost(self) -> str:
         """Describe the ghost that was not seen for the longest time; empty if no ghost is lost.
