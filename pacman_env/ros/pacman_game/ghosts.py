@@ -76,6 +76,7 @@ class GameGhosts:
             self._chosen = self._stepped_s = None
             self._began_s, self._owed_s = self._node.now_s(), 0.0
             self._begins = set(self._players)
+            self._asked.clear()  # a policy that was changed in the menu left questions without answers
             if self._view is not None:
                 self._view.begin()
         if state == "returning_home" != self._state:

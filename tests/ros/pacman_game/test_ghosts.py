@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from pacman_env.config import make_config
+from pacman_env.game.ghosts import POLICY
 from pacman_env.levels.assets import map_assets
 from pacman_env.levels.ghost_cells import ClydeCells
 from pacman_env.ros import topics
+from pacman_env.ros.configured_node import ConfiguredNode
 from pacman_env.ros.game_nodes import GAME
 from pacman_env.ros.message_conversion import points_of, pose_of, seconds_of
 from pacman_env.ros.node import BaseNode
@@ -174,6 +177,21 @@ def test_caught_ghost_waits_where_it_started_even_if_message_is_late(nodes: Sess
     nodes.advance(2.0)
     assert (at(nodes) == start) == (away_s > 0)
     nodes.wait_for(lambda: math.dist(at(nodes), start) > 0.5, what="it to start again")
+
+
+def test_policy_of_ghost_is_asked_in_each_round(nodes: Session) -> None:
+    """The policy of the first round is replaced before it has answered."""
+    asked: list[int] = []
+    process = SimpleNamespace(ready=True, ask=lambda number, situation, begins: asked.append(number))
+    policy: Any = SimpleNamespace(process=process, asked=lambda: None)
+    node = nodes.start("ghosts", partial(ConfiguredNode, "ghosts", with_map=True), map_yaml=MAP)
+    ghosts = GameGhosts(node, CONFIG.with_fields(**{"clyde.ghosts": (POLICY,)}), 0, policy)
+    ghosts.on_robot(pose(0.0, 0.0))
+    for state in ("menu", "running", "menu", "running"):
+        ghosts.on_state(state)
+        nodes.advance(1.0)
+        ghosts.update()
+    assert asked == [0, 0]
 
 
 def test_trail_covers_where_ghost_was_shown(nodes: Session) -> None:
