@@ -11,11 +11,6 @@ from pacman_env.command_line.command import Parser, run_command
 from tools.common import ROOT, add_check, update
 
 PAGE = ROOT / "docs" / "commands.md"
-_INTRO = """# Commands
-
-This page shows what each command of `pacman-env` prints with `--help`. A command reports
-bad arguments or a missing extra in one line, with exit status 2. This page is written by `python -m tools.commands`.
-"""
 
 
 def commands(group: argparse.ArgumentParser) -> Iterator[tuple[argparse.ArgumentParser, str]]:
@@ -34,7 +29,7 @@ def commands(group: argparse.ArgumentParser) -> Iterator[tuple[argparse.Argument
 
 def page() -> str:
     os.environ["COLUMNS"] = "100"  # width for argparse
-    text = _INTRO
+    text = PAGE.read_text(encoding="utf-8").partition("\n## ")[0]  # the introduction is written by hand
     for parser, purpose in sorted(commands(make_parser()), key=lambda command: command[0].prog):
         text += f"\n## `{parser.prog}`\n\n{purpose[:1].upper()}{purpose[1:]}.\n\n```text\n"
         text += f"{parser.format_help().strip()}\n```\n"

@@ -1,6 +1,7 @@
 """Write ``docs/robot_reference.md`` and ``config/game.yaml`` from one instance of every node.
 
-Run ``python -m tools.robot_reference``, with ROS's message types installed.
+Run ``python -m tools.robot_reference``, with ROS's message types installed. The text above the page's topics and above
+the first parameter is written by hand.
 """
 
 import importlib
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
+from unittest.mock import MagicMock
 
 import rclpy
 from rclpy.action import get_action_client_names_and_types_by_node as client_names_and_types
@@ -35,42 +37,7 @@ from tools.common import ROOT, add_check, table, update
 
 PAGE = ROOT / "docs" / "robot_reference.md"
 PARAMETERS = ROOT / "config" / "game.yaml"
-INTRO = """# Robot reference: the interface to the robot
-
-Written by `scripts/robot_reference` from the nodes themselves; [robot.md](robot.md) describes their use.
-
-The names, types and meanings of the topics, services, actions, parameters and exit statuses on this page, the options
-of `pacman-env ros` ([commands](commands.md)) and the arguments of `launch/game.launch.py` are the public interface. The
-file `CHANGELOG.md` lists every change of it. Everything else, such as the Python modules in `pacman_env/ros`,
-may change in every release.
-
-All names are relative, so that the robot's namespace applies (`/robot_15/game_state`). Parameters are given as
-`--ros-args -p NAME:=VALUE`, or in a file: `config/game.yaml` lists them for `--params-file`. They are read once, at the
-start, unless their meaning states otherwise.
-
-The process `pacman_game` contains the nodes `pacman_game`, `game_event_mapper`, `game_light_node` and `audio_node`; the
-last three can also be started alone. The process `goal_selector` is for a foreign game, and for a shadow, which
-publishes `shadow/...` instead of `goal_selector/...`.
-
-## What was tried
-
-"""
-_NAV2 = (
-    "its interface (1.3.13) against a recording: names, types, QoS, parameters, lifecycle; games with the simulated one"
-)
-_ELSE = "Humble, Kilted, Lyrical; other middlewares; Jazzy on Ubuntu 24.04 is for the workflow `colcon` on a host"
-TRIED = [
-    ["ROS 2", "Jazzy from the wheels of PyPI (rclpy 7.1, Fast DDS), Python 3.11, Linux x86_64", _ELSE],
-    ["robot", "the simulated TurtleBot 4 of this package", "a TurtleBot 4, a TurtleBot 4 Lite, Gazebo"],
-    ["Nav2", _NAV2, "a real Nav2 since 0.20 ([validation](validation.md)); the workflow `nav2` is for a host"],
-]
-PARAMETERS_INTRO = """\
-# All parameters of all nodes with their defaults; arrays, which have none, are comments. Copy and edit this file for
-#   pacman-env ros up --params-file FILE
-#   ros2 launch pacman_env game.launch.py params_file:=FILE
-#   ros2 run pacman_env NODE --ros-args --params-file FILE
-# Options of `ros up` and arguments of the launch file have priority. Written by scripts/robot_reference.
-"""
+_TOPICS = "\n## Topics\n"
 _SENT = "start, reset, continue, stop, release"
 #: Exit statuses: command, status, meaning.
 STATUSES = [
@@ -117,21 +84,15 @@ class Described:
     ends: list[_End]
 
 
-class _NoPolicy:
-    """Takes the place of the process with the policies."""
-
-    def __init__(self, *arguments: Any) -> None: ...
-
-    def wait(self, **options: Any) -> None: ...
-
-
 def describe(name: str, **overrides: Any) -> Described:
     """Create a node and describe it; rclpy must be initialised, with ``map_yaml`` among its arguments."""
     module = importlib.import_module(MODULES[name])
     kinds = [one for one in vars(module).values() if isinstance(one, type) and issubclass(one, BaseNode)]
     make: Any = next(kind for kind in kinds if kind.__module__ == module.__name__)
-    given = {"parameter_overrides": [Parameter(one, value=value) for one, value in overrides.items()]}
-    node = make(**given, **({"ask": _NoPolicy} if name in (GAME, SELECTOR) else {}))
+    given: dict[str, Any] = {"parameter_overrides": [Parameter(one, value=value) for one, value in overrides.items()]}
+    if name in (GAME, SELECTOR):
+        given["ask"] = MagicMock()  # takes the place of the process with the policies
+    node = make(**given)
     try:
         declared = list(node._parameters)  # rclpy has no public list of parameters within a process
         purpose = (inspect.getdoc(module) or "").split("\n\n")[0]
@@ -188,7 +149,7 @@ def describe_all(*arguments: str) -> dict[str, Described]:
 
 
 def page(nodes: dict[str, Described]) -> str:
-    text = INTRO + table(("Part", "Tried", "Not tried"), TRIED) + _ends(nodes)
+    text = PAGE.read_text(encoding="utf-8").partition(_TOPICS)[0] + _ends(nodes)
     for name, node in nodes.items():
         text += f"\n## {name}\n\n{node.purpose}\n"
         rows = [[f"`{one.name}`", one.type, _default(one), one.limits, one.meaning] for one in node.parameters]
@@ -206,7 +167,7 @@ def _default(parameter: _Parameter) -> str:
 
 def parameter_file(nodes: dict[str, Described]) -> str:
     """Return all parameters with their defaults as a ROS parameter file."""
-    text = PARAMETERS_INTRO
+    text = PARAMETERS.read_text(encoding="utf-8").partition("\n/**/")[0]
     for name, node in nodes.items():
         lines = []
         for one in node.parameters:
@@ -221,7 +182,7 @@ def parameter_file(nodes: dict[str, Described]) -> str:
 
 def _ends(nodes: dict[str, Described]) -> str:
     recorded = {f"`{topic.name}`" for topic in RECORDED}
-    text = "\n## Topics\n\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
+    text = _TOPICS + "\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
     text += "Of a latched topic of depth 1 a subscription stores the last 10. `pacman_game` hears `game_status` and "
     text += "`remove_pellet` only if `selector` is original or none. With simulated time `sim_robot` also publishes "
     text += "`/clock` and `/clock_owner`.\n\n"
@@ -246,11 +207,6 @@ def _rows(nodes: dict[str, Described], roles: Iterable[str]) -> list[list[str]]:
     ]
 
 
-def _write(pages: Sequence[tuple[Path, str]], check: bool) -> int:
-    complaint = "is not what the nodes declare: run scripts/robot_reference"
-    return max([update(path, text, check, complaint) for path, text in pages])
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(
         prog="python -m tools.robot_reference", description="Write docs/robot_reference.md, config/game.yaml."
@@ -261,7 +217,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def write(given: Any) -> int:
         nodes = describe_all()
-        return _write([(given.page, page(nodes)), (given.parameters, parameter_file(nodes))], given.check)
+        pages = {given.page: page(nodes), given.parameters: parameter_file(nodes)}
+        complaint = "is not what the nodes declare: run scripts/robot_reference"
+        return max([update(path, text, given.check, complaint) for path, text in pages.items()])
 
     return run_command(parser, argv, write, "ros")
 
