@@ -143,8 +143,9 @@ def _environments(steps: int) -> dict[str, str]:
     rows = {}
     for name, entry in IDS.items():
         short = name.split("/")[1]
-        rows[f"{short} single"] = _single(name, steps)
-        rows[f"{short} vector"] = _vector(name, steps)
+        games = gym.make_vec(name, num_envs=_GAMES, vectorization_mode="vector_entry_point")
+        rows[f"{short} single"] = _gymnasium(gym.make(name).unwrapped, 0, steps)
+        rows[f"{short} vector"] = _gymnasium(games, 1, steps)
         if entry.several is not None:
             rows[f"{short} parallel"] = _parallel(dict(entry.several), steps)
     return rows
@@ -157,34 +158,23 @@ def _draw(space: gym.Space[Any], mask: Any, generator: np.random.Generator) -> A
     return int(generator.choice(np.flatnonzero(mask)))
 
 
-def _single(name: str, steps: int) -> str:
-    env: Any = gym.make(name).unwrapped
-    digest, generator = _Digest(), np.random.default_rng(0)
-    digest.add(env.reset(seed=0))
-    discrete, action = isinstance(env.action_space, gym.spaces.Discrete), None
+def _gymnasium(env: Any, seed: int, steps: int) -> str:
+    """Return a hash of what a single or a vector environment plays."""
+    digest, generator = _Digest(), np.random.default_rng(seed)
+    digest.add(env.reset(seed=seed))
+    vector = hasattr(env, "num_envs")
+    space = env.single_action_space if vector else env.action_space
+    games, discrete = env.num_envs if vector else 1, isinstance(space, gym.spaces.Discrete)
+    actions = np.zeros(games, np.int64)
     for step in range(steps):
-        mask = env.action_masks() if discrete else None
-        if step % _HOLD == 0 or (mask is not None and not mask[action]):
-            action = _draw(env.action_space, mask, generator)
-        result = env.step(action)
+        masks = np.atleast_2d(env.unwrapped.action_masks()) if discrete else np.ones((games, 1))
+        if step % _HOLD == 0 or (discrete and not masks[np.arange(games), actions].all()):
+            actions = np.array([_draw(space, mask, generator) for mask in masks])
+        result = env.step(actions if vector else actions[0])
         digest.add(result)
-        if result[2] or result[3]:
+        if not vector and (result[2] or result[3]):
             digest.add(env.reset())
     env.close()
-    return digest.text()
-
-
-def _vector(name: str, steps: int) -> str:
-    games: Any = gym.make_vec(name, num_envs=_GAMES, vectorization_mode="vector_entry_point")
-    digest, generator = _Digest(), np.random.default_rng(1)
-    digest.add(games.reset(seed=1))
-    discrete, actions = isinstance(games.single_action_space, gym.spaces.Discrete), np.zeros(_GAMES, np.int64)
-    for step in range(steps):
-        masks = games.unwrapped.action_masks() if discrete else np.ones((_GAMES, 1))
-        if step % _HOLD == 0 or (discrete and not masks[np.arange(_GAMES), actions].all()):
-            actions = np.array([_draw(games.single_action_space, mask, generator) for mask in masks])
-        digest.add(games.step(actions))
-    games.close()
     return digest.text()
 
 
