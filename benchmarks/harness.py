@@ -1,25 +1,21 @@
-"""Shared parts of the benchmarks: options, alternating measurements, a process in a checkout and the JSON file."""
+"""Shared parts of the benchmarks: options, a process in a checkout and the JSON file."""
 
 import argparse
 import os
 import platform
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy as np
+from typing import Any
 
 from pacman_env import __version__
 from pacman_env.command_line.command import Parser, run_command, whole_number
 from pacman_env.files import prepare, write_json
 
-T = TypeVar("T")
 Option = str | tuple[str, dict[str, Any]]  # a name in OPTIONS, or a name with arguments for argparse
 ROOT = Path(__file__).resolve().parents[1]
-CORES = len(os.sched_getaffinity(0))
 #: Options of several benchmarks.
 OPTIONS: dict[str, dict[str, Any]] = {
     "--map": {"default": "house", "metavar": "FILE_OR_NAME", "help": "(%(default)s)"},
@@ -72,19 +68,6 @@ def machine() -> dict[str, Any]:
     processor = names[0] if names else platform.processor() or platform.machine()
     facts = {"version": __version__, "python": platform.python_version(), "processor": processor}
     return {**facts, "cores": os.cpu_count(), "date": date.today().isoformat()}
-
-
-def turns(rounds: int, *alternatives: Callable[[], T]) -> list[tuple[T, ...]]:
-    """Return the figures of alternating measurements, so that a slow minute affects all alternatives."""
-    return [tuple(measure() for measure in alternatives) for _ in range(rounds)]
-
-
-def median_and_range(values: Sequence[float]) -> tuple[float, float, float]:
-    return float(np.median(values)), min(values), max(values)
-
-
-def log(message: str) -> None:
-    print(message, file=sys.stderr, flush=True)
 
 
 def in_checkout(root: Path, *arguments: str, **variables: str) -> dict[str, Any]:

@@ -14,11 +14,11 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
+from statistics import median
 from typing import Any
 
-from benchmarks.harness import ROOT, benchmark, in_checkout, machine, median_and_range, turns
+from benchmarks.harness import ROOT, benchmark, in_checkout, machine
 from pacman_env.command_line.command import finite_number
 from tools.common import table
 
@@ -80,7 +80,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     for root in roots[::-1]:  # compile and prepare before anything counts
         measure(root, map_source, arguments.only, 0.1)
     given = map_source, arguments.only, arguments.seconds, arguments.first_start, arguments.training
-    sides = list(zip(*turns(arguments.rounds, *(partial(measure, root, *given) for root in roots)), strict=True))
+    turns = [[measure(root, *given) for root in roots] for _ in range(arguments.rounds)]  # a slow minute affects both
+    sides = list(zip(*turns, strict=True))
     text = "{version}, Python {python}, {cores} x {processor}, {date}".format(**machine())
     text += f", against {arguments.checkout}" if arguments.checkout else ""
     print(f"{text}, map {arguments.map}, {arguments.rounds} turns, processor time\n")
@@ -96,8 +97,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         head = ["What", "here", "there", "here / there, median", "range"]
         rows = [[name, _shown(ours[name]), _shown(theirs[name])] for name in by_row]
         for row in rows:
-            middle, low, high = median_and_range(by_row[row[0]])
-            row += [f"{middle:.2f}", f"{low:.2f} to {high:.2f}"]
+            one = by_row[row[0]]
+            row += [f"{median(one):.2f}", f"{min(one):.2f} to {max(one):.2f}"]
     print(table(head, rows), end="")
     return {"ratios": by_row, "rows": ours, "there": theirs, "turns": sides}
 
@@ -105,7 +106,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 def _medians(turns: Sequence[Figures]) -> Figures:
     return {
         name: {
-            key: value if isinstance(value, str) else median_and_range([one[name][key] for one in turns])[0]
+            key: value if isinstance(value, str) else median(one[name][key] for one in turns)
             for key, value in row.items()
         }
         for name, row in turns[0].items()
