@@ -190,16 +190,8 @@ def _grid_picture(theme: Theme, grid: NDArray[np.uint8], times: int = 6) -> Imag
 
 
 #: Functions that draw the pictures, by file name in docs/images.
-PICTURES: dict[str, Callable[[Theme], Image]] = {
-    "replay": draw_replay,
-    "story": draw_story,
-    "ghosts": draw_ghosts,
-    "power": draw_power,
-    "observations": draw_observations,
-    "maps": draw_maps,
-    "reading": draw_reading,
-    "houses": draw_houses,
-}
+_DRAWN = draw_replay, draw_story, draw_ghosts, draw_power, draw_observations, draw_maps, draw_reading, draw_houses
+PICTURES: dict[str, Callable[[Theme], Image]] = {draw.__name__.removeprefix("draw_"): draw for draw in _DRAWN}
 NAMES = (*PICTURES, "round", "round-dark", "baselines")
 
 
