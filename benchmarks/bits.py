@@ -13,7 +13,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +44,6 @@ def main(argv: list[str] | None = None) -> int:
         count("--steps", 300, "decisions of each environment (%(default)s)"),
         count("--episodes", 200, "rounds of each policy (%(default)s)"),
         ("--policies", {"nargs": "+", "default": POLICIES, "metavar": "P", "help": "(those of README's table)"}),
-        ("--renamed", {"action": "append", "default": [], "metavar": "NEW=OLD", "help": "a policy's name there"}),
         ("--renew", {"action": "store_true", "help": "renew the inputs of docs/figures.json if all rows are equal"}),
         failed=lambda figures: bool(figures["different"]),
     )(argv)
@@ -53,13 +52,11 @@ def main(argv: list[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.harness import ROOT
 
-    renamed = dict(pair.split("=", 1) for pair in arguments.renamed)
-    old_names = [renamed.get(name, name) for name in arguments.policies]
     there = arguments.checkout.resolve()
     here_rows, there_rows = (
         _in_checkout(root, "-P", __file__, "--worker", str(arguments.steps))
-        | dict(zip(arguments.policies, _outcomes(root, arguments.map, arguments.episodes, names), strict=True))
-        for root, names in ((ROOT, arguments.policies), (there, old_names))
+        | dict(zip(arguments.policies, _outcomes(root, arguments), strict=True))
+        for root in (ROOT, there)
     )
     different = [name for name, row in here_rows.items() if there_rows.get(name) != row]
     for name, row in here_rows.items():
@@ -95,28 +92,25 @@ def _in_checkout(root: Path, *arguments: str) -> dict[str, str]:
     return dict(json.loads(done.stdout))
 
 
-def _outcomes(root: Path, map_source: str, episodes: int, policies: Sequence[str]) -> list[str]:
+def _outcomes(root: Path, arguments: argparse.Namespace) -> list[str]:
     """Return a hash of the outcomes of each policy's rounds, played with the code of a checkout."""
     from benchmarks.harness import in_checkout
 
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "rows.json")
-        words = ["--map", map_source, "--episodes", str(episodes), "--json", str(file), "--policies", *policies]
-        subprocess.run(
-            **in_checkout(root, "-m", "pacman_env.cli.main", "compare", *words), capture_output=True, check=True
-        )
+        words = ["--map", arguments.map, "--episodes", str(arguments.episodes), "--policies", *arguments.policies]
+        program = in_checkout(root, "-m", "pacman_env.cli.main", "compare", *words, "--json", str(file))
+        subprocess.run(**program, capture_output=True, check=True)
         rows = json.loads(file.read_text(encoding="utf-8"))["rows"]
-    digests = [_Digest() for _ in rows]
-    for digest, row in zip(digests, rows, strict=True):
-        digest.add({key: value for key, value in row.items() if key != "policy"})
-    return [digest.text() for digest in digests]
+    return [_Digest({key: value for key, value in row.items() if key != "policy"}).text() for row in rows]
 
 
 class _Digest:
     """A hash of nested data: arrays with dtype and shape, numbers, texts."""
 
-    def __init__(self) -> None:
+    def __init__(self, *values: Any) -> None:
         self._hash = hashlib.sha256()
+        self.add(values)
 
     def add(self, value: Any) -> None:
         if isinstance(value, Mapping):
@@ -160,8 +154,7 @@ def _draw(space: gym.Space[Any], mask: Any, generator: np.random.Generator) -> A
 
 def _gymnasium(env: Any, seed: int, steps: int) -> str:
     """Return a hash of what a single or a vector environment plays."""
-    digest, generator = _Digest(), np.random.default_rng(seed)
-    digest.add(env.reset(seed=seed))
+    digest, generator = _Digest(env.reset(seed=seed)), np.random.default_rng(seed)
     vector = hasattr(env, "num_envs")
     space = env.single_action_space if vector else env.action_space
     games, discrete = env.num_envs if vector else 1, isinstance(space, gym.spaces.Discrete)
@@ -179,13 +172,12 @@ def _gymnasium(env: Any, seed: int, steps: int) -> str:
 
 
 def _parallel(arguments: dict[str, Any], steps: int) -> str:
-    env, digest, generator = pacman_env.parallel_env(**arguments), _Digest(), np.random.default_rng(2)
+    env, generator = pacman_env.parallel_env(**arguments), np.random.default_rng(2)
     observations, infos = env.reset(seed=2)
-    digest.add((observations, infos))
+    digest = _Digest(observations, infos)
     for _ in range(steps):
-        actions = {
-            agent: _draw(env.action_space(agent), _mask_of(observations[agent]), generator) for agent in env.agents
-        }
+        seen = {agent: observations[agent] for agent in env.agents}
+        actions = {agent: _draw(env.action_space(agent), _mask_of(one), generator) for agent, one in seen.items()}
         observations, *rest = env.step(actions)
         digest.add((observations, rest))
         if not env.agents:

@@ -164,12 +164,10 @@ def drive(robot: SimulatedRobot, goals: Sequence[Goal]) -> list[Driven]:
     return results
 
 
-def recorded_goals(folder: Path, config: Config, maps: Path | None = None) -> tuple[str, list[tuple[Goal, Driven]]]:
-    """Return the map's name and goals with what was simulated; a map is ``maps``/NAME/map.yaml, shipped or fetched."""
+def recorded_goals(folder: Path, config: Config) -> tuple[str, list[tuple[Goal, Driven]]]:
+    """Return the map's name and goals with what was simulated; the map is shipped or fetched."""
     name = read_yaml(folder / "card.yaml")["map"]
-    own = (maps or folder) / name / "map.yaml"
-    listed = [name] if name in shipped_maps() else [f"slam:{name}"]
-    occupancy = load_map(str(own) if own.is_file() else map_sources(listed)[0])
+    occupancy = load_map(map_sources([name if name in shipped_maps() else f"slam:{name}"])[0])
     robot, trials = SimulatedRobot(occupancy, config), read_goals(folder / "goals.csv")
     return occupancy.name, [pair for goals in trials for pair in zip(goals, drive(robot, goals), strict=True)]
 
@@ -225,7 +223,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--workers", type=whole_number(1, 10**9), default=1, help="processes (%(default)s)")
     add("--planner-answers", type=Path, help="only compare paths with the paths in this file")
     add("--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings")
-    add("--maps", type=Path, metavar="FOLDER", help="folder of recorded maps that are neither shipped nor slam:NAME")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")
     return run_command(parser, argv, _report)
 
@@ -237,7 +234,7 @@ def _report(options: argparse.Namespace) -> None:
         text = table(("map", *next(iter(found.values()))), lines)
     elif options.recorded_goals:
         config = make_config(**parse_settings(options.set))
-        compared = [recorded_goals(folder, config, options.maps) for folder in options.recorded_goals]
+        compared = [recorded_goals(folder, config) for folder in options.recorded_goals]
         heads = "map", "quantity", "goals", "recorded", "simulated", "difference by goal", "KS distance"
         text = table(heads, [[name, *row] for name, pairs in compared for row in goal_rows(pairs)])
     else:
