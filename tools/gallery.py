@@ -3,7 +3,8 @@
 import argparse
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -38,14 +39,22 @@ _SEEN: dict[Theme, tuple[Colour, ...]] = {  # walls, floor, pellets, ghosts, rob
 def play(seed: int, decisions: int, *, policy: str = "clyde_aware", **arguments: Any) -> PacManBotEnv:
     """Return an environment after ``decisions`` decisions of a policy, or at the end of the round if it is earlier."""
     env = PacManBotEnv(**arguments)
+    for _ in islice(moments(env, seed, policy), decisions + 1):
+        pass
+    return env
+
+
+def moments(env: Any, seed: int, policy: str) -> Iterator[None]:
+    """Play a round, and pause before each decision of a policy and at the end; with velocities, drive a curve."""
     env.reset(seed=seed)
     selector = make_policy(policy)
     selector.reset(np.ones(1, dtype=np.bool_), env.config)
-    for _ in range(decisions):
-        _, _, terminated, truncated, _ = env.step(int(selector.select(env.situation)[0]))
-        if terminated or truncated:
-            break
-    return env
+    over, drives = False, env.config.action == "velocity"
+    while not over:
+        yield
+        action = np.array([0.1, 0.2]) if drives else env.action_of(selector.select(env.situation))[0]
+        over = any(env.step(action)[2:4])
+    yield
 
 
 def sheet(theme: Theme, pictures: Sequence[Image], columns: int, captions: Sequence[str] = ()) -> Image:

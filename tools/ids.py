@@ -29,12 +29,12 @@ from pacman_env.levels.level_source import FixedMap
 from pacman_env.observations.kinds import ObservationPart
 from pacman_env.observations.observer import Observer
 from pacman_env.observations.planner_columns import GHOST_TOKENS, CandidateColumn, GlobalColumn, TokenColumn
-from pacman_env.policies.registry import make_policy
 from pacman_env.render.frames import render_frame
 from pacman_env.render.palette import THEMES, Theme
 from tools.common import ROOT, SUFFIXES, add_check, as_arguments, literal, number, save_film, table, update
 from tools.figures import store
 from tools.figures.views import VIEWS
+from tools.gallery import moments
 from tools.reference import columns_of
 from tools.scores import figure_of, read, scores_of
 
@@ -194,26 +194,13 @@ def _agents(env_id: str) -> list[list[str]]:
     return rows
 
 
-def moments(env: Any) -> Iterator[None]:
-    """Play the first round, and pause after each decision of ``nearest``, or while driving a curve."""
-    env.reset(seed=1)
-    policy = make_policy("nearest")
-    policy.reset(np.ones(1, dtype=np.bool_), env.config)
-    drives = env.config.action == "velocity"
-    for _ in range(48 if env.config.decisions.when == "tick" else 20):
-        yield
-        action = np.array([0.1, 0.2]) if drives else env.action_of(policy.select(env.situation))[0]
-        if any(env.step(action)[2:4]):
-            break
-    yield
-
-
 def write(env_id: str, folder: Path) -> None:
     """Write a light and a dark film of an id, and show them on the page, which the folder contains."""
     env: Any = gym.make(env_id).unwrapped
-    name, frame_ms = file_name(env_id), 250 if env.config.decisions.when == "tick" else 1000
+    name = file_name(env_id)
+    decisions, frame_ms = (48, 250) if env.config.decisions.when == "tick" else (20, 1000)
     films: dict[Theme, list[Any]] = {theme: [] for theme in THEMES}
-    for _ in islice(moments(env), 0, None, 2):
+    for _ in islice(moments(env, 1, "nearest"), 0, decisions + 1, 2):
         for theme, frames in films.items():
             frames.append(render_frame(env.batch, 0, height=360, theme=theme))
     for theme, frames in films.items():
