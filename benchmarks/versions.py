@@ -38,9 +38,8 @@ def measure(
         raise ValueError(f"{root}: no checkout, pacman_env is not there")
     # -P keeps the program's folder out of the module path.
     figures: Figures = json.loads(_child(root, "-P", str(PROGRAM), only, map_source, str(seconds))[0])
-    for env_id in sorted(
-        {row["id"] for row in figures.values() if starts and "Generated" not in row.get("id", "Generated")}
-    ):
+    ids = {row["id"] for row in figures.values() if "Generated" not in row.get("id", "Generated")}
+    for env_id in sorted(ids) if starts else ():
         with tempfile.TemporaryDirectory() as cache:
             for when in ("empty cache", "warm"):
                 code = _START.format(env_id, map_source)
@@ -86,9 +85,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
     text += f", against {arguments.checkout}" if arguments.checkout else ""
     print(f"{text}, map {arguments.map}, {arguments.rounds} turns, processor time\n")
     ours, theirs = _medians(sides[0]), _medians(sides[-1])
-    for old, new in sorted(
-        {(theirs[name]["id"], row["id"]) for name, row in ours.items() if "id" in row and "id" in theirs[name]}
-    ):
+    both = ((theirs[name], row) for name, row in ours.items() if "id" in row and "id" in theirs[name])
+    for old, new in sorted({(their["id"], our["id"]) for their, our in both}):
         if old != new:
             print(f"{new} here is {old} there")
     by_row, head = ratios(sides[0], sides[-1]), ["What", "decisions/s or s", "simulated s/s"]
