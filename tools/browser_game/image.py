@@ -67,13 +67,9 @@ class Image:
 
     def equate(self, table: Table, copied: Table) -> None:
         """Let a table, and its arrays, have the addresses of an equal table that has been copied."""
-        others = flat(copied.arrays)
-        pairs = [
-            (table.numbers, copied.numbers),
-            *((array, others[name]) for name, array in flat(table.arrays).items()),
-        ]
-        for array, other in pairs:
-            self._places[address(array)] = self._places[address(other)]
+        others = {"": copied.numbers, **flat(copied.arrays)}
+        for name, array in {"": table.numbers, **flat(table.arrays)}.items():
+            self._places[address(array)] = self._places[address(others[name])]
 
     def place(self, array: NDArray[Any]) -> int:
         """Return the new address of an array that has been copied."""

@@ -35,8 +35,7 @@ class Prepared(NamedTuple):
 def prepare(map: str, level: int | None, ghosts: int, planner: LearnedPlanner) -> Prepared:
     """Prepare a round as *Play* of the page sets it up, with ``ghosts`` ghosts of every behaviour."""
     rules = Rules(map, level, PLAY["preset"], ghosts=("wander",) * ghosts, settings=PLAY["settings"])
-    config, source, policies = Choices().prepare(rules, PLAY["clyde_mps"])
-    played = PlayedRound(config, source, policies, (planner.name,), 0)
+    played = PlayedRound(*Choices().prepare(rules, PLAY["clyde_mps"]), (planner.name,), 0)
     batch = played.batch
     batch.compile_behaviours(range(len(BEHAVIOUR_NAMES)))
     situation = new_situation(batch)

@@ -71,8 +71,7 @@ def _hello(places: Sequence[str]) -> dict[str, Any]:
 def _first() -> dict[str, Any]:
     """Return the round that is prepared first, as ``ppo`` plays it: its setup, its scene and its frames."""
     rules = Rules(preset=PLAY["preset"], ghosts=PLAY["ghosts"], settings=PLAY["settings"])
-    config, source, policies = Choices().prepare(rules, PLAY["clyde_mps"])
-    played = PlayedRound(config, source, policies, (rules.policy,), _SEED)
+    played = PlayedRound(*Choices().prepare(rules, PLAY["clyde_mps"]), (rules.policy,), _SEED)
     played.finish()
     scene = scene_of(played, rules, 1).facts | {"kind": "scene", "revision": 1, "second": None}
     scene["map"] |= {"url": f"game/maps/{rules.map}.png"}

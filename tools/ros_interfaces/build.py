@@ -13,7 +13,7 @@ import sys
 import sysconfig
 import tempfile
 from collections.abc import Iterable, Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -80,8 +80,8 @@ def command(arguments: Iterable[object], **variables: str) -> None:
         raise ValueError(f"{' '.join(line[:3])} ... failed with {done.returncode}")
 
 
-def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
-    """Start to compile the output of ``generate`` in ``out``."""
+def compilations(out: Path) -> list[list[object]]:
+    """Return the commands that compile the output of ``generate`` in ``out``."""
     folders = [out / generator for generator in GENERATORS]
     headers = [p for p in sorted((PREFIX / "include").iterdir()) if p.is_dir() and not p.name.startswith("python")]
     include = [*folders, PREFIX / "include", *headers, sysconfig.get_paths()["include"], np.get_include()]
@@ -90,10 +90,7 @@ def compile_package(out: Path, executor: Executor) -> list[Future[None]]:
     sources = [source for folder in folders for source in sorted(folder.rglob("*.c*"))]
     # Only one extension module is needed: the type support that dispatches to the others.
     needed = (one for one in sources if "_s.ep." not in one.name or one.name.endswith(".rosidl_typesupport_c.c"))
-    return [
-        executor.submit(command, [*compiler[one.suffix], *flags, "-c", one, "-o", one.with_name(f"{one.name}.o")])
-        for one in needed
-    ]
+    return [[*compiler[one.suffix], *flags, "-c", one, "-o", one.with_name(f"{one.name}.o")] for one in needed]
 
 
 def link_package(name: str, out: Path) -> None:
@@ -159,8 +156,7 @@ def build(packages: list[Package], folder: Path) -> None:
         places = {package: Path(temporary) / package.name for package in packages}
         generate = [sys.executable, "-m", f"{__package__}.generate"]
         list(pool.map(lambda package: command([*generate, package.folder, places[package]]), places))
-        for job in [job for out in places.values() for job in compile_package(out, pool)]:
-            job.result()
+        list(pool.map(command, (words for out in places.values() for words in compilations(out))))
         for package, out in places.items():
             link_package(package.name, out)
             _try(package, out)
