@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib import import_module
 
 from pacman_env.cli.main import MODULES, make_parser
@@ -36,12 +36,8 @@ def page() -> str:
     return text
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+if __name__ == "__main__":
     parser = Parser(prog="python -m tools.commands", description="Write docs/commands.md.")
     add_check(parser)
     complaint = "is not what the commands print: run python -m tools.commands"
-    return run_command(parser, argv, lambda arguments: update(PAGE, page(), arguments.check, complaint), "train")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(parser, None, lambda given: update(PAGE, page(), given.check, complaint), "train"))

@@ -68,5 +68,7 @@ def add_check(parser: Parser) -> None:
     parser.add_argument("--check", action="store_true", help="write nothing, compare with the files")
 
 
-def add_images(parser: Parser) -> None:
+def add_images(parser: Parser, names: Collection[str]) -> None:
+    """Add the names of pictures, and the option for their folder."""
+    add_names(parser, "picture", names)
     parser.add_argument("--out", type=Path, default=IMAGES, metavar="FOLDER", help="where to (docs/images)")

@@ -25,7 +25,7 @@ from pacman_env.render.palette import DARK, LIGHT, THEMES, Colour, Theme
 from pacman_env.render.symbols import Image, paste, text
 from pacman_env.world.maps.occupancy import shipped_maps
 from tools import learning_curves, replay
-from tools.common import add_images, add_names, save_film
+from tools.common import add_images, save_film
 
 _GAP = 10  # px between pictures
 _PX_PER_M = 21.0  # scale of the maps in a sheet
@@ -209,13 +209,6 @@ def save(name: str, path: Path, theme: Theme = "light") -> None:
         cv2.imwrite(str(temporary), PICTURES[name](theme)[:, :, ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
-    add_names(parser, "picture", NAMES)
-    add_images(parser)
-    return run_command(parser, argv, _draw)
-
-
 def _draw(arguments: argparse.Namespace) -> None:
     for name in arguments.names or NAMES:
         if name == "baselines":
@@ -227,4 +220,6 @@ def _draw(arguments: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = Parser(prog="python -m tools.gallery", description="Draw the pictures of the documentation.")
+    add_images(parser, NAMES)
+    sys.exit(run_command(parser, None, _draw))

@@ -15,7 +15,6 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -309,14 +308,10 @@ def make_parser(module: str, description: str | None, out: str) -> Parser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+if __name__ == "__main__":
     parser = make_parser("nav2_goals", __doc__, "FOLDER")
     parser.add_argument("--trials", type=whole_number(1), default=100, help="a trial has one to three goals (100)")
     parser.add_argument("--minutes", type=float, default=30.0, help="begin no trial after this time (30)")
     parser.add_argument("--seed", type=whole_number(0), default=0)
     with StopSignals(breaks_off=True):
-        return run_command(parser, argv, record, "ros")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        sys.exit(run_command(parser, None, record, "ros"))

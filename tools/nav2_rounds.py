@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -170,14 +169,10 @@ def record(arguments: argparse.Namespace) -> None:
         node.close()
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+if __name__ == "__main__":
     parser = make_parser("nav2_rounds", __doc__, "FILE")
     parser.add_argument("--policy", default="ppo")
     parser.add_argument("--clyde-speed", type=float, default=0.25, help="m/s (0.25)")
     parser.add_argument("--rounds", type=whole_number(1), default=20, help="(20)")
     with StopSignals(breaks_off=True):
-        return run_command(parser, argv, record, "ros")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        sys.exit(run_command(parser, None, record, "ros"))

@@ -3,7 +3,7 @@
 import datetime
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from pacman_env.command_line.command import Parser, run_command
@@ -24,12 +24,10 @@ def texts(version: str, date: str) -> Iterator[tuple[Path, str]]:
         yield ROOT / name, re.sub(pattern, words, (ROOT / name).read_text(encoding="utf-8"), count=1)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+if __name__ == "__main__":
     parser = Parser(prog="python -m tools.release", description="Write the version of a release into all files.")
     parser.add_argument("version", metavar="X.Y.Z")
     today = str(datetime.date.today())
-    return run_command(parser, argv, lambda given: max(update(*one, False, "") for one in texts(given.version, today)))
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(
+        run_command(parser, None, lambda given: max(update(*one, False, "") for one in texts(given.version, today)))
+    )

@@ -7,7 +7,7 @@ import argparse
 import io
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from importlib.util import find_spec
 from typing import Any
@@ -18,7 +18,7 @@ from pacman_env.command_line.command import Parser, run_command
 from pacman_env.web.rules import Rules
 from pacman_env.web.server import WebServer
 from pacman_env.web.simulated import SimulatedGame
-from tools.common import add_images, add_names
+from tools.common import add_images
 
 _SEED = 11
 _COLOURS = 100  # of a picture, for small files
@@ -112,6 +112,7 @@ SHOTS: dict[str, tuple[int, int, float, str, Callable[[Any], None]]] = {
     "web-1920-dark": (1920, 1080, 1.0, "dark", _recorded),
     "web-1920-light": (1920, 1080, 1.0, "light", _four_ghosts),
 }
+NAMES = (*SHOTS, "robot")
 
 
 def shoot(browser: Any, name: str) -> Image.Image:
@@ -134,13 +135,6 @@ def shoot(browser: Any, name: str) -> Image.Image:
     return image.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=2, dither=Image.Dither.NONE)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="python -m tools.screenshots", description="Take the screenshots of the operator's page.")
-    add_names(parser, "picture", [*SHOTS, "robot"])
-    add_images(parser)
-    return run_command(parser, argv, _shoot_all, "dev")
-
-
 def _shoot_all(arguments: argparse.Namespace) -> None:
     from playwright.sync_api import sync_playwright
 
@@ -150,17 +144,19 @@ def _shoot_all(arguments: argparse.Namespace) -> None:
     arguments.out.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=_FLAGS)
-        every = [*SHOTS, "robot"] if find_spec("action_msgs") else SHOTS  # the robot's pictures need ROS
+        every = NAMES if find_spec("action_msgs") else SHOTS  # the robot's pictures need ROS
         for name in arguments.names or every:
             if name == "robot":
                 from tools import robot_pictures  # only then: it needs ROS
 
                 robot_pictures.save(browser, arguments.out)
-                continue
-            path = arguments.out / f"{name}.png"
-            shoot(browser, name).save(path, optimize=True)
-            print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+            else:
+                path = arguments.out / f"{name}.png"
+                shoot(browser, name).save(path, optimize=True)
+                print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = Parser(prog="python -m tools.screenshots", description="Take the screenshots of the operator's page.")
+    add_images(parser, NAMES)
+    sys.exit(run_command(parser, None, _shoot_all, "dev"))

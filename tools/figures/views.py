@@ -38,10 +38,6 @@ def _stamp(name: str, records: Records, words: Sequence[str]) -> str:
     return f"{shown['version']} at {shown['commit'][:8]}, {shown['date']}, {shown['machine']}"
 
 
-def _command(name: str, records: Records, words: Sequence[str]) -> str:
-    return f"`{records[name]['command']}`"
-
-
 def _chosen(rows: Sequence[Record], words: Sequence[str]) -> list[Record]:
     """Return the rows of a policy, a map or a speed that ``words`` name, in any order."""
     for word in words:
@@ -87,6 +83,5 @@ def _all_ids(name: str, records: Records, words: Sequence[str]) -> str:
 
 View = Callable[[str, Records, Sequence[str]], str]
 VIEWS: dict[str, View] = {
-    view.__name__[1:].replace("_", "-"): view
-    for view in (_stamp, _command, _share, _terminal, _rate, _learned_range, _all_ids)
+    view.__name__[1:].replace("_", "-"): view for view in (_stamp, _share, _terminal, _rate, _learned_range, _all_ids)
 }

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import metadata
@@ -116,11 +116,6 @@ def link_package(name: str, out: Path) -> None:
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*earlier, "rosidl_typesupport_c", "rmw"))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
-    return run_command(parser, argv, lambda _: install(find_packages()), "ros")
-
-
 def install(packages: list[Package]) -> None:
     """Build and install missing types and types built here from other definitions; after a failure, nothing changes."""
     ours = _installed()
@@ -204,4 +199,5 @@ def _version(packages: list[Package]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = Parser(prog="tools.ros_interfaces.build", description=__doc__)
+    sys.exit(run_command(parser, None, lambda _: install(find_packages()), "ros"))
