@@ -44,13 +44,11 @@ def _hash(name: str, package: Path) -> str:
 
 
 def _files(name: str, package: Path) -> Iterator[Path]:
-    ours = [package / place for place in INPUTS[name]]
-    others = [package / place for other, places in INPUTS.items() if other != name for place in places]
-    for place in ours:
-        for path in [place] if place.is_file() else place.rglob("*"):
-            nearer = any(other.is_relative_to(place) and path.is_relative_to(other) for other in others)
-            if path.is_file() and "__pycache__" not in path.parts and not nearer:
-                yield path
+    owners = {package / place: owner for owner, places in INPUTS.items() for place in places}
+    for path in package.rglob("*"):
+        owner = next((owners[place] for place in (path, *path.parents) if place in owners), None)
+        if owner == name and path.is_file() and "__pycache__" not in path.parts:
+            yield path
 
 
 def _code(path: Path) -> str:
