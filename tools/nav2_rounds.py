@@ -13,7 +13,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +67,7 @@ class RoundRecorder(ObserverNode):
         super().__init__("nav2_rounds", namespace, parameter_overrides=[Parameter("use_sim_time", value=True)])
         self._card, self.ended = card, list[Round]()
         self._round: Round | None = None
-        self._begun_s, self._sent, self._aborted = 0.0, (0, 0), (0, 0)  # at the start of the round, and now
+        self._begun_s, self._sent, self._aborted = 0.0, 0, 0  # start of the round; goals of all rounds
         self._true: deque[tuple[float, float, float]] = deque(maxlen=TRUE_POSES)
         self._errors: list[float] = []
         self._bumped = False
@@ -83,21 +83,22 @@ class RoundRecorder(ObserverNode):
     def _on_state(self, message: Any) -> None:
         now_s = self.get_clock().now().nanoseconds * 1e-9
         if message.data == "running" and self._round is None:
-            self._round, self._begun_s, self._errors = Round(**asdict(self._card)), now_s, []
-            self._sent, self._aborted = (self._sent[1],) * 2, (self._aborted[1],) * 2
+            self._round = replace(self._card, goals=-self._sent, aborted=-self._aborted)
+            self._begun_s, self._errors = now_s, []
         elif message.data != "running" and self._round is not None:
             row, self._round = self._round, None
             row.end, row.time_s = message.data, round(now_s - self._begun_s, 2)
             if self._errors:
                 row.amcl_rms_m = round(math.hypot(*self._errors) / math.sqrt(len(self._errors)), 4)
                 row.amcl_most_m = round(max(self._errors), 4)
-            row.goals, row.aborted = self._sent[1] - self._sent[0], self._aborted[1] - self._aborted[0]
+            row.goals += self._sent
+            row.aborted += self._aborted
             row.driven_m = round(row.driven_m, 2)
             self.ended.append(row)
 
     def _latest(self) -> Round:
         """Return the round that is played, or has just ended: its last messages may come after its end."""
-        return self._round or (self.ended[-1] if self.ended else Round(**asdict(self._card)))
+        return self._round or (self.ended[-1] if self.ended else replace(self._card))
 
     def _on_result(self, message: Any) -> None:
         self._latest().result = message.data
@@ -111,8 +112,7 @@ class RoundRecorder(ObserverNode):
 
     def _on_diagnostics(self, message: Any) -> None:
         facts = json.loads(message.data)
-        self._sent = self._sent[0], facts["goals_sent"]
-        self._aborted = self._aborted[0], facts["goals_aborted"]
+        self._sent, self._aborted = facts["goals_sent"], facts["goals_aborted"]
 
     def _on_true_pose(self, message: Any) -> None:
         x, y, _ = pose_of(message)
