@@ -143,7 +143,6 @@ def _parts(env: Any) -> dict[str, ObservationPart]:
 
 
 def _highest(env: Any, first: dict[str, Any]) -> str:
-    """Return the highest return of an episode, as text."""
     reward = env.config.reward
     if env.config.endless:
         return "no limit"

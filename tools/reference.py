@@ -8,7 +8,6 @@ import contextlib
 import dataclasses
 import inspect
 import io
-import operator
 import re
 import sys
 import typing
@@ -91,7 +90,7 @@ def presets() -> str:
     for kind, changes in (("preset", config.PRESETS), ("execution.rules", config.EXECUTIONS)):
         names = sorted({name for fields in changes.values() for name in fields})
         made = [make_config(**{"execution" if kind != "preset" else kind: one}) for one in changes]
-        rows = [[f"`{name}`", *(_code(operator.attrgetter(name)(one)) for one in made)] for name in names]
+        rows = [[f"`{name}`", *(_code(one.value(name)) for one in made)] for name in names]
         result += ("\n" if result else "") + table(("Field", *(f'`{kind}` `"{one}"`' for one in changes)), rows)
     return result
 

@@ -166,7 +166,6 @@ def _default(parameter: _Parameter) -> str:
 
 
 def parameter_file(nodes: dict[str, Described]) -> str:
-    """Return all parameters with their defaults as a ROS parameter file."""
     text = PARAMETERS.read_text(encoding="utf-8").partition("\n/**/")[0]
     for name, node in nodes.items():
         lines = []

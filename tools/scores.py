@@ -83,7 +83,6 @@ def rounds_of(env_id: str, one: dict[str, Any]) -> tuple[str, str]:
 
 
 def scores_of(env_id: str, scores: dict[str, Any]) -> str:
-    """Return the table of one id."""
     rows, ghosts = [], any("ghosts" in one for one in scores[env_id].values())
     for policy, one in scores[env_id].items():
         head, done = rounds_of(env_id, one)
@@ -109,11 +108,9 @@ def read(records: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def figure_of(env_id: str) -> str:
-    """Return the name of the figure with the scores of an id."""
     return f"ids/{env_id.removeprefix('pacman_env/')}"
 
 
 def score_id(env_id: str, episodes: int) -> dict[str, Any]:
-    """Play all policies; return their scores by name."""
     policies = POLICIES[:1] if IDS[env_id].kwargs.get("action") == "velocity" else POLICIES
     return {policy: score(env_id, policy, episodes) for policy in policies}

@@ -29,7 +29,7 @@ def build(folder: Path, work: Path, places: Sequence[str] = PLACES) -> None:
     for place in places:
         name, _, level = place.partition("-")
         maps.write(name, int(level) if level else None, planner, network, folder / "maps" / f"{place}.bin")
-    built = module.build(kernels.entry_kernels() | kernels.called_kernels(), [*called, "make_contacts", "malloc"], work)
+    built = module.build(kernels.ENTRY_KERNELS | kernels.called_kernels(), [*called, "make_contacts", "malloc"], work)
     (folder / "game.wasm.bin").write_bytes(gzip.compress(built.read_bytes(), 9, mtime=0))
 
 

@@ -112,28 +112,24 @@ def judge(table, first, last):  # type: ignore[no-untyped-def]
     return best
 
 
-def entry_kernels() -> dict[str, Any]:
-    """Return the kernels that the page calls, by their names in the module."""
-    return {
-        "begin_rounds": begin_rounds,
-        "place_ghost": place_ghost,
-        "play": ticks.play,
-        "write_situations": situation_kernel.write_situations,
-        "fill": planner_features._fill,
-        "judge": judge,
-    }
+#: Kernels that the page calls, by their names in the module.
+ENTRY_KERNELS = {
+    "begin_rounds": begin_rounds,
+    "place_ghost": place_ghost,
+    "play": ticks.play,
+    "write_situations": situation_kernel.write_situations,
+    "fill": planner_features._fill,
+    "judge": judge,
+}
 
 
 def called_kernels() -> dict[str, Any]:
     """Return the kernels that kernels call by address, by their names in the module."""
     follow, decide = ghost_state._follow_behaviour, coarse_model._decide_behaviour
     own = {f"ghost_{one.name}": behaviour_kernel(follow, one) for one in BEHAVIOURS.values() if one.target}
-    believed = [BEHAVIOURS[name] for name in BELIEVED if name in BEHAVIOURS and name != WANDER]
-    return (
-        own
-        | {f"believed_{one.name}": behaviour_kernel(decide, one) for one in believed}
-        | {"contact_step": physics._contact_step}
-    )
+    guessed = [BEHAVIOURS[name] for name in BELIEVED if name in BEHAVIOURS and name != WANDER]
+    believed = {f"believed_{one.name}": behaviour_kernel(decide, one) for one in guessed}
+    return own | believed | {"contact_step": physics._contact_step}
 
 
 def called_functions() -> dict[str, int]:

@@ -22,7 +22,6 @@ _KEPT = ROOT / "results" / "figures"  # rounds that were played
 
 
 def pages() -> list[Path]:
-    """Return the pages that show figures."""
     files = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     return [file for file in files if BLOCK.search(file.read_text(encoding="utf-8"))]
 

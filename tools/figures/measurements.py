@@ -42,8 +42,7 @@ class Measurement:
 
 
 def measurements() -> dict[str, Measurement]:
-    """Return all measurements by name."""
-    found = {
+    return {
         "compare": _compare("scripts/compare", 1),
         "house": _compare("pacman-env compare --policies ppo clyde_aware --clyde-speed 0.25 0.45 --episodes 1000", 5),
         "maskable_ppo": Measurement(
@@ -64,8 +63,8 @@ def measurements() -> dict[str, Measurement]:
             12,
             lambda _: _results("benchmarks.versions", "--seconds 2"),
         ),
+        **{scores.figure_of(env_id): _scores(env_id) for env_id in IDS},
     }
-    return found | {scores.figure_of(env_id): _scores(env_id) for env_id in IDS}
 
 
 def _scores(env_id: str) -> Measurement:

@@ -85,7 +85,6 @@ export class Engine {
     return this.#round.tables[table].arrays[name];
   }
 
-  // The numbers of an array.
   array(table, name) {
     const [address, type, shape] = this.#array(table, name);
     return new VIEWS[type](this.memory.buffer, address, shape.reduce((product, length) => product * length, 1));

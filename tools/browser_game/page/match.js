@@ -182,7 +182,6 @@ export class Match {
     this.#post("scene", this.scene);
   }
 
-  // Shows the prepared round.
   #showRound() {
     const { round, setup: { map, level, ghosts, clyde_mps: speed, seed } } = this;
     const { power, ...facts } = round.engine.facts.scene;
