@@ -1,13 +1,12 @@
 """Write the pages of the ids with ``ids.md.j2`` from the code that they describe: ``python -m tools.ids``."""
 
-import argparse
 import dataclasses
 import inspect
 import math
 import operator
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from enum import IntEnum
 from itertools import islice
 from pathlib import Path
@@ -209,17 +208,13 @@ def write(env_id: str, folder: Path) -> None:
     file.write_text(page_text, encoding="utf-8")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    parser = Parser(prog="python -m tools.ids", description="Write docs/environments/ids.")
-    add_check(parser)
-    return run_command(parser, argv, _write)
-
-
-def _write(arguments: argparse.Namespace) -> int:
+def write_pages(check: bool) -> int:
     pages = {PAGES / f"{file_name(env_id)}.md": page(env_id, gym.make(env_id).unwrapped) for env_id in IDS}
     complaint = "is out of date: python -m tools.ids"
-    return max(update(file, text, arguments.check, complaint) for file, text in pages.items())
+    return max(update(file, text, check, complaint) for file, text in pages.items())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    parser = Parser(prog="python -m tools.ids", description="Write docs/environments/ids.")
+    add_check(parser)
+    sys.exit(run_command(parser, None, lambda given: write_pages(given.check)))

@@ -83,7 +83,7 @@ def _run(arguments: argparse.Namespace) -> int:
         store.write({one: records[one] for one in known if one in records})
     for page in pages():
         update(page, filled(page.read_text(encoding="utf-8"), records), check=False, complaint="")
-    return ids.main([])
+    return ids.write_pages(check=False)
 
 
 if __name__ == "__main__":
