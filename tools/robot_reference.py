@@ -1,7 +1,7 @@
 """Write ``docs/robot_reference.md`` and ``config/game.yaml`` from one instance of every node.
 
-Run ``python -m tools.robot_reference``, with ROS's message types installed. The text above the page's topics and above
-the first parameter is written by hand.
+Run ``python -m tools.robot_reference``, with ROS's message types installed. The text above the page's table of topics
+and above the first parameter is written by hand.
 """
 
 import importlib
@@ -37,7 +37,6 @@ from tools.common import ROOT, add_check, table, update
 
 PAGE = ROOT / "docs" / "robot_reference.md"
 PARAMETERS = ROOT / "config" / "game.yaml"
-_TOPICS = "\n## Topics\n"
 _SENT = "start, reset, continue, stop, release"
 #: Exit statuses: command, status, meaning.
 STATUSES = [
@@ -149,7 +148,7 @@ def describe_all(*arguments: str) -> dict[str, Described]:
 
 
 def page(nodes: dict[str, Described]) -> str:
-    text = PAGE.read_text(encoding="utf-8").partition(_TOPICS)[0] + _ends(nodes)
+    text = PAGE.read_text(encoding="utf-8").partition("| Topic |")[0] + _ends(nodes)
     for name, node in nodes.items():
         text += f"\n## {name}\n\n{node.purpose}\n"
         rows = [[f"`{one.name}`", one.type, _default(one), one.limits, one.meaning] for one in node.parameters]
@@ -181,14 +180,10 @@ def parameter_file(nodes: dict[str, Described]) -> str:
 
 def _ends(nodes: dict[str, Described]) -> str:
     recorded = {f"`{topic.name}`" for topic in RECORDED}
-    text = _TOPICS + "\nA topic without a sender or receiver here belongs to Nav2, AMCL, the base or RViz. "
-    text += "Of a latched topic of depth 1 a subscription stores the last 10. `pacman_game` hears `game_status` and "
-    text += "`remove_pellet` only if `selector` is original or none. With simulated time `sim_robot` also publishes "
-    text += "`/clock` and `/clock_owner`.\n\n"
     started = (PROCESSES.name, PROCESSES.type_name, "publishes", _qos(PROCESSES.qos))
     topics = _rows({**nodes, "ros up": Described("", [], [started])}, ("publishes", "subscribes"))
     rows = ([*row, "yes" if row[0] in recorded else ""] for row in topics)
-    text += table(("Topic", "Type", "QoS", "From", "To", "Recorded"), rows)
+    text = table(("Topic", "Type", "QoS", "From", "To", "Recorded"), rows)
     text += "\n## Services and actions\n\n"
     return text + table(("Name", "Type", "Kind", "Served by", "Called by"), _rows(nodes, ("serves", "calls")))
 
