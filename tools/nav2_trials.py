@@ -143,9 +143,7 @@ class Places:
 
     def ghost_way(self, ghost: Ghost, route: Route) -> NDArray[np.float64]:
         """Return the cells (N, 2), m, over which a ghost walks, or on the first of which it stands; N 0: no ghost."""
-        to_path = np.full(len(self._xy), np.inf)
-        for point in route.xy[::2]:
-            to_path = np.minimum(to_path, np.hypot(*(self._xy - point).T))
+        to_path = np.hypot(*(self._xy[:, None] - route.xy[::2]).T).min(axis=0)
         apart = (np.hypot(*(self._xy - route.xy[at]).T) >= least for at, least in zip((0, -1), _GHOST_M, strict=True))
         allowed = np.logical_and(*apart)
         cells = np.zeros(0, dtype=np.int64)
