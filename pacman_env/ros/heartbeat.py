@@ -21,7 +21,7 @@ WAITING = "RD"  # states in which a thread waits for a processor or the disk
 _PERIOD_S = 0.2
 #: Longest time that counts as silence between two looks. After a longer gap the observer itself did not run.
 _LONGEST_LOOK_S = 0.5
-_BEAT = struct.Struct("<iB")  # process number, limit (s)
+_CREDENTIALS = struct.Struct("3i")  # of the sender, by the kernel: process, user, group
 LONGEST_SEND = struct.pack("ll", 0, 500_000)  # s and us, C's timeval
 
 
@@ -57,7 +57,7 @@ class Heart:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, LONGEST_SEND)
         for address in self._addresses:
             with contextlib.suppress(OSError):  # no process listens there, or not fast enough
-                self._socket.sendto(_BEAT.pack(os.getpid(), limit_s), flags, f"\0{address}")
+                self._socket.sendto(bytes([limit_s]), flags, f"\0{address}")
 
 
 HEART = Heart()
@@ -72,10 +72,11 @@ class _Beat:
 
 
 class Listener:
-    """Receiver of the heartbeats of other processes at an address; raises OSError if the address is in use."""
+    """Receiver of the heartbeats of this user's processes at an address; raises OSError if the address is in use."""
 
     def __init__(self, address: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_PASSCRED, 1)
         self._socket.bind(f"\0{address}")
         self._socket.setblocking(False)
         self._beats: dict[int, _Beat] = {}
@@ -100,7 +101,11 @@ class Listener:
     def _receive(self) -> None:
         with contextlib.suppress(BlockingIOError):
             while True:
-                pid, limit_s = _BEAT.unpack(self._socket.recv(_BEAT.size))
+                beat, [(_, _, sender)], *_ = self._socket.recvmsg(1, socket.CMSG_SPACE(_CREDENTIALS.size))
+                pid, user, _ = _CREDENTIALS.unpack(sender)
+                if user != os.getuid() or not beat:
+                    continue  # any user of this machine can send here
+                limit_s = beat[0]
                 if limit_s == 0:
                     self._beats.pop(pid, None)
                 else:

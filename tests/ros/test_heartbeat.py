@@ -1,6 +1,7 @@
 """When a process counts as frozen or dead; real processes are in ``supervisor/``."""
 
 import os
+import socket
 import struct
 from contextlib import closing
 from threading import Thread
@@ -78,3 +79,25 @@ def test_new_promise_waits_for_room_in_the_queue(monkeypatch: pytest.MonkeyPatch
         for _ in range(10):
             now_s += LIMIT_S
             assert listener.lost() == {}
+
+
+@pytest.mark.parametrize("message", [b"", b"\0" * 100])
+def test_listener_survives_any_message(message: bytes) -> None:
+    address = f"pacman_env-test-{os.getpid()}"
+    with closing(Listener(address)) as listener, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other:
+        other.sendto(message, f"\0{address}")
+        assert listener.lost() == {}
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can become another user")
+def test_beats_of_other_users_do_not_count() -> None:
+    address = f"pacman_env-test-{os.getpid()}"
+    with closing(Listener(address)) as listener, socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as other:
+        for user, lost in ((os.getuid(), 1), (65534, 0)):
+            pid = os.fork()
+            if not pid:
+                os.setuid(user)
+                other.sendto(bytes([LIMIT_S]), f"\0{address}")
+                os._exit(0)
+            assert os.waitpid(pid, 0)[1] == 0
+            assert list(listener.lost()) == [pid] * lost
