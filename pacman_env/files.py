@@ -9,11 +9,14 @@ import re
 import shlex
 import stat
 import tempfile
+import threading
 import uuid
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+
+_OURS = uuid.uuid4().hex[:8]  # in names of temporary files, because several machines may share a folder
 
 
 def shipped(in_package: str, in_checkout: str) -> Path:
@@ -114,6 +117,7 @@ def prepare(path: Path) -> Path:
 def replaced(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file next to ``path``, with the same suffix, to be written in the block.
 
+    The temporary files of an ONNX file and of its metadata have one stem, so that they can be tried together.
     After the block it replaces ``path``; if the block raises an error, it is deleted. If ``path`` is a symbolic link,
     the target is replaced. For a device or a pipe, yield ``path`` itself.
     """
@@ -121,7 +125,7 @@ def replaced(path: Path) -> Iterator[Path]:
         yield path
         return
     target = path.resolve()
-    temporary = target.with_name(f".{path.stem}.{uuid.uuid4().hex}{path.suffix}")
+    temporary = target.with_name(f".{path.stem}.{_OURS}-{threading.get_native_id()}{path.suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
