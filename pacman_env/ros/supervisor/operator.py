@@ -132,7 +132,7 @@ def wait_for_all(status_line: StatusLine, end_s: float) -> Missing:
     """Wait for all nodes and values of a game, and return the missing ones.
 
     The wait ends at ``end_s`` (monotonic, s), or if nothing new arrives for ``QUIET_S``. If nothing is missing, it
-    continues until it is known whether the goal selector still reports.
+    continues until it is known whether the goal selector still reports, and which processes ``ros up`` has started.
     """
     previous: Any = None
     quiet_s = 0.0
@@ -140,7 +140,8 @@ def wait_for_all(status_line: StatusLine, end_s: float) -> Missing:
         missing, now_s = _missing(status_line), time.monotonic()
         if missing != previous:
             previous, quiet_s = missing, now_s + QUIET_S
-        if (not _names_of(missing) and status_line.silence is not None) or now_s >= min(quiet_s, end_s):
+        known = status_line.game.started or not publishers(status_line, [topics.PROCESSES.name])
+        if (not _names_of(missing) and status_line.silence is not None and known) or now_s >= min(quiet_s, end_s):
             return missing
         status_line.spin(0.05)
 
