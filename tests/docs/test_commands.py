@@ -33,6 +33,7 @@ COPIES = {
     Path("maps", "house.pgm"): ["house.pgm"],
     PLANNERS / "ppo.onnx": [
         *("planner.onnx", "runs/mine.onnx", "results/seed1/planner.onnx", "results/seed2/planner.onnx"),
+        "results/seed-1/planner.onnx",
         *("model.onnx", "maskable_ppo.onnx"),
     ],
     PLANNERS / "clyde.onnx": ["results/adversary/clyde-3.onnx", "results/exploiter/clyde-1.onnx"],
