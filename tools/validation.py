@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pacman_env.command_line.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, count, run_command
 from pacman_env.command_line.game_options import add_game_option
 from pacman_env.command_line.slam_maps import map_sources
 from pacman_env.config import Config, located, make_config, parse_settings
@@ -219,8 +219,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="python -m tools.validation", description=__doc__)
     add = parser.add_argument
     add_game_option(parser, "--map", help="name or YAML file; the trials used slam:pacmanbot_house")
-    add("--episodes", type=whole_number(1, 10**9), default=1000, help="number of rounds per row (%(default)s)")
-    add("--workers", type=whole_number(1, 10**9), default=1, help="processes (%(default)s)")
+    add("--episodes", type=count(), default=1000, help="number of rounds per row (%(default)s)")
+    add("--workers", type=count(), default=1, help="processes (%(default)s)")
     add("--planner-answers", type=Path, help="only compare paths with the paths in this file")
     add("--recorded-goals", type=Path, nargs="+", metavar="FOLDER", help="only compare driving with these recordings")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="setting of --recorded-goals")

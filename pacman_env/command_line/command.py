@@ -31,6 +31,7 @@ EXTRA_OF = {
 }
 _MARKS = re.compile(r":\w+:`([^`]+)`")  # Sphinx roles
 _INTERFACES = ("_msgs", "_srvs", "_interfaces")  # suffixes of ROS packages
+MOST = 10**9  # largest count
 ERROR_STATUS = 2
 STOPPED_STATUS = 128 + signal.SIGINT
 
@@ -113,6 +114,11 @@ def _path(text: str) -> Path:
     if not text:
         raise argparse.ArgumentTypeError("is empty, must be a path")
     return Path(text)
+
+
+def count() -> Callable[[str], int]:
+    """Return an argument type for counts from 1 to ``MOST``."""
+    return whole_number(1, MOST)
 
 
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pacman_env.command_line.command import Parser, run_command, whole_number
+from pacman_env.command_line.command import Parser, count, run_command, whole_number
 from pacman_env.command_line.game_options import add_game_option
 from pacman_env.episodes.rollout import episode_seeds
 from pacman_env.evaluation.compare import heat_map, league_table
@@ -46,7 +46,7 @@ def make_parser() -> Parser:
     add("--suite", metavar="NAME", help=suite)
     add("--suites", type=Path, metavar="FILE", help="YAML file of the suites (eval/suites/leaderboard.yaml)")
     rounds = f"rounds or games per map, speed and policy ({EPISODES}, or the suite's)"
-    add("--episodes", type=whole_number(1, 10**9), metavar="N", help=rounds)
+    add("--episodes", type=count(), metavar="N", help=rounds)
     add_game_option(parser, "--seed")
     add_executor_arguments(parser)
     add("--threads", type=whole_number(0), default=1, metavar="N", help="threads of each process; 0: one per core (1)")
