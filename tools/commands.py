@@ -1,4 +1,4 @@
-"""Write the page of all commands from their ``--help``: ``python -m tools.commands`` (extra ``train``)."""
+"""Write the page of all commands: ``python -m tools.commands`` (extras ``train`` and ``dataset``)."""
 
 import argparse
 import os

@@ -59,7 +59,7 @@ class RobotGame:
         self._markers = topics.PELLET_MARKERS.publisher(node)
         self._harmless = topics.HARMLESS_GHOSTS.publisher(node) if config.power.pellets > 0 else None
         self.selector = None if select is None else select(self.report)
-        self._jump = ""  # the last one that was saved
+        self._jump = ""  # as it was saved last
         if self.selector is None:
             node.listen(topics.GAME_STATUS, lambda message: self.report([("status", word_of(message))]), "bad status")
             node.listen(topics.REMOVE_PELLET, lambda message: self.report([("remove", message.data)]), "bad removal")
@@ -78,7 +78,7 @@ class RobotGame:
         self.perform(actions)
 
     def stop(self, stopped: bool, who: str) -> None:
-        """Stop the robot until the release, whoever sends its goals."""
+        """Stop the robot until the release, also if another node sends its goals."""
         if self.selector is None:
             self._foreign.forbid(stopped)
         else:
